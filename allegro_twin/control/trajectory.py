@@ -109,7 +109,7 @@ class Moves:
     """Looks at the motion before it begins."""
 
     def checked(self, check: SpeedCheck) -> Moves:
-        """This motion, with a check of its speeds before it begins."""
+        """Copy whose motion `check` examines before it begins."""
         return replace(self, check=check)
 
     def begin(self, position: Vector) -> Trajectory:

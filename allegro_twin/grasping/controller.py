@@ -131,7 +131,7 @@ def _centroid(
         grip.force if force is None else force,
         spread=grip.spread,
         stiffness=grip.stiffness,
-        felt=felt,
+        contacts=felt,
     )
 
 

@@ -35,7 +35,7 @@ class Driver(Protocol):
         ...
 
     @property
-    def limp_words(self) -> bytes:
+    def shutdown_frames(self) -> bytes:
         """The bytes that switch all motors off."""
         ...
 

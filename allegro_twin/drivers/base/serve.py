@@ -103,4 +103,4 @@ class _Line:
     def _say(self, served: Served) -> None:
         while self._answers and self._answers[0][0] <= self._clock():
             answer = self._answers.popleft()[1]
-            served.said += len(answer) if self._terminal.write(answer) else 0
+            served.sent += len(answer) if self._terminal.write(answer) else 0

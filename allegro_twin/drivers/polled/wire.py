@@ -27,7 +27,7 @@ class Wire(Protocol):
     """The host's end. Raises LinkTimeout, ProtocolError or LinkError for what gets lost, HandFault for a refusal."""
 
     @property
-    def limp_words(self) -> bytes:
+    def shutdown_frames(self) -> bytes:
         """The bytes that switch all motors off."""
         ...
 

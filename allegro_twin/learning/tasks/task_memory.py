@@ -31,7 +31,7 @@ _ABSENT = object()
 
 @runtime_checkable
 class HasLiveArrays(Protocol):
-    """A part of a task that tells which of its arrays an episode changes."""
+    """Object that names the arrays which an episode changes."""
 
     def live_arrays(self) -> dict[str, NDArray[Any]]:
         """Arrays that decide how the episodes go on, by name, live: a write changes the episodes."""

@@ -88,7 +88,7 @@ class CollisionFreePaths:
         apart = self._apart(posture[None])[0]
         return [pair for pair, distance in zip(self._clearance.pairs, apart, strict=True) if distance < within]
 
-    def in_the_way(self, posture: Vector, towards: Vector) -> dict[int, str]:
+    def blocking_parts(self, posture: Vector, towards: Vector) -> dict[int, str]:
         """What stops joints that are to go on in a direction, both (n,), rad: by joint, which part of the hand
         is in the way of which, where it presses two together that touch."""
         spec, turns = self._spec, np.sign(towards)
@@ -138,7 +138,7 @@ class CollisionFreeMove:
         self._planned: tuple[Vector, list[Waypoint]] | None = None
 
     def checked(self, check: SpeedCheck) -> CollisionFreeMove:
-        """This motion, with a check of its speeds before it begins."""
+        """Copy whose motion `check` examines before it begins."""
         (wish,) = self.waypoints
         return CollisionFreeMove(self._spec, wish, self._what, check)
 

@@ -137,7 +137,7 @@ class LoopObserver:
         model, data = self._model, self._data
         model.opt.gravity[:] = gravity
         self._servos.command(ONE, told.position[None], told.effort, told.duration or 0.0)
-        data.ctrl[self._motors] = self._servos.told(ONE)[0]
+        data.ctrl[self._motors] = self._servos.commands(ONE)[0]
         mujoco.mj_step(model, data, self._steps)
         return self._lengths.position(data.qpos)
 

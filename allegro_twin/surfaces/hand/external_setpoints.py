@@ -19,7 +19,7 @@ _HERE = 0.05  # rad. A first posture without a time must be so near.
 
 
 class ExternalSetpoints:
-    """What stands between such programs and a hand: it refuses before anything moves, with ConfigError."""
+    """Set-points of other programs for a hand."""
 
     def __init__(self, hand: Hand, speed: float = 2.0) -> None:
         """`speed`, rad/s: of a set-point's joints at most. Raises ConfigError where the guard would stop one at it."""

@@ -28,7 +28,7 @@ _TOUCH = 0.05  # rad short of where the fingers were sent: something is in the w
 
 @dataclass(frozen=True, slots=True)
 class GraspOutcome:
-    """What a hand knows of its grasp from positions and torques alone."""
+    """Outcome of a grasp, from positions and torques alone."""
 
     name: str
     touching: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""What a person needs who drives a hand live: a stop that is at once, a goal that may move, other gains."""
+"""Live control by a person: an immediate stop, a goal that may move, other gains."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _ROOM = 0.9  # Of a guard's speed: joints overshoot by some hundredths.
 
 
 class LiveControl:
-    """Of one hand, as `Hand.direct`. Any thread may call `limp`; all else comes from the one that makes wishes."""
+    """Live control of one hand, as `Hand.direct`. Any thread may call `limp`; all other calls come from one thread."""
 
     def __init__(self, rig: Rig, mover: MotionControl, bounds: JointBounds) -> None:
         self._rig, self._mover, self._bounds = rig, mover, bounds

@@ -47,7 +47,7 @@ _LATEST = 3.0  # s after the end. What shakes in a contact instead of coming to 
 
 
 class Goal(NamedTuple):
-    """What the joints are asked to do: a path, when it began and for how long it lasts, s."""
+    """Goal of the joints: a path, when it began and for how long it lasts, s."""
 
     path: Path
     began: float
@@ -71,7 +71,7 @@ class MotionMonitor:
         self.interrupted = ""
         """What ended it before it had arrived, if somebody did; for messages."""
         self.successor: MotionMonitor | None = None
-        """Of a motion whose goal was moved: what follows it since."""
+        """Monitor that follows a motion whose goal was moved, since then."""
         self._spec, self._over = spec, goal.began + goal.seconds
         # What dry friction and weight alone keep from its place is not stuck.
         friction = 2.0 * spec.actuation.frictionloss / np.maximum(gains.kp, 1e-9)
@@ -125,14 +125,14 @@ def _settled(error: Vector, state: HandState) -> bool:
 
 Kind: TypeAlias = Literal["torque", "gravity", "pd", "pid", "limp", "position"]
 KINDS: tuple[Kind, ...] = ("torque", "gravity", "pd", "pid")
-"""Of a hand that takes torques."""
+"""Controllers of a hand that takes torques."""
 FIRMWARES: tuple[Kind, ...] = ("limp", "position")
-"""Of a hand whose firmware closes the loop."""
+"""Controllers of a hand whose firmware closes the loop."""
 T = TypeVar("T")
 
 
 class FirstController(NamedTuple):
-    """What drives a hand from its first period on, and what that is called."""
+    """Controller that drives a hand from its first period on, and its name."""
 
     kind: str
     controller: Any

@@ -61,7 +61,7 @@ class EpisodeWatch:
         return self._task.name
 
     @property
-    def things(self) -> tuple[str, ...]:
+    def objects(self) -> tuple[str, ...]:
         """Names of its objects in the scene."""
         return () if self._task.thing is None else (THING,)
 

@@ -112,7 +112,7 @@ def far_joints(error: Vector, found: Following) -> str:
     spent = (np.abs(found.torque[late]) >= SPENT * spec.actuation.torque_limit).all(axis=0)
     towards = np.zeros(spec.n_joints)
     towards[far] = -np.nan_to_num(error[far])
-    stops = CollisionFreePaths(spec).in_the_way(found.known[late].mean(axis=0), towards)
+    stops = CollisionFreePaths(spec).blocking_parts(found.known[late].mean(axis=0), towards)
     # The other joints of a finger that is stopped lean on what stops it.
     stopped: dict[int | None, str] = {_finger(spec, joint): why for joint, why in stops.items()}
     why = {joint: stopped.get(_finger(spec, joint), "its motor gives all it has") for joint in far if spent[joint]}

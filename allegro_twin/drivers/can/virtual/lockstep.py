@@ -62,7 +62,7 @@ class LockstepLink(Link):
         self._hands, self._time, self._answers = hands, Lockstep(hands), list[Frame | JointFrames]()
 
     @property
-    def way(self) -> str:
+    def address(self) -> str:
         return "it is inside this program"
 
     def now(self) -> float:

@@ -113,7 +113,7 @@ class DriveFit:
     floor: Vector
     """Noise of the reported positions, (n,), rad."""
     masses: Masses
-    pieces: int
+    segments: int
     bristly: bool
     """Friction breaks away; otherwise it is Coulomb's."""
     loose: bool

@@ -179,7 +179,7 @@ def describe_prediction(written: WrittenDrive) -> str:
         f"{rms['nominal']:.1f} mrad, written {rms['written']:.1f}, determined values alone {rms['determined']:.1f}, "
         f"all values {rms['all']:.1f}."
     )
-    if written.nothing:
+    if written.is_nominal:
         return f"{text} Nominal is best: nothing is to be written."
     nominal = written.source.count("nominal")
     return f"{text} Of {nominal} joint{'s' * (nominal > 1)} nominal is best, and stays." if nominal else text
@@ -187,7 +187,7 @@ def describe_prediction(written: WrittenDrive) -> str:
 
 def describe_worse(written: WrittenDrive, spec: HandSpec) -> str:
     """Which joints what is written predicts worse than the nominal hand; empty where it does none."""
-    if not written.errors or written.nothing:
+    if not written.errors or written.is_nominal:
         return ""
     now, nominal = written.errors["written"], written.errors["nominal"]
     worse = np.flatnonzero(now > nominal / BETTER)

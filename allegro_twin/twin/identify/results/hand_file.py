@@ -142,7 +142,7 @@ def _blocks(
     first, kept = motions[0], _kept_offsets(path, content, motions[0])
     spec, drive, doubted = first.spec, dict(content.get("drive") or {}), unwritten(values)
     chosen = drive_to_write(path, content, found, values, motions)
-    if chosen.nothing:
+    if chosen.is_nominal:
         return {}
     own, source = chosen.drive, np.array(chosen.source)
     drive.pop("strength", None)
