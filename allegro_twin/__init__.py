@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         ProtocolError,
         RecordingError,
         SelfCollision,
+        TooFast,
         WrongPose,
     )
     from allegro_twin.hands.library.library import Library
@@ -57,6 +58,7 @@ __all__ = [
     "RecordingError",
     "Sample",
     "SelfCollision",
+    "TooFast",
     "TorqueCommand",
     "WrongPose",
     "__version__",
@@ -85,6 +87,7 @@ __getattr__, __dir__ = exports(
             "ProtocolError",
             "RecordingError",
             "SelfCollision",
+            "TooFast",
             "WrongPose",
         ),
         "hands.library.library": ("Library",),

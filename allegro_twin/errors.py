@@ -56,6 +56,10 @@ class HandFault(HandError):
     """The hand or the guard stopped it: too fast, too hot, a status bit. Only `reset` leads out."""
 
 
+class TooFast(HandFault):
+    """A joint moved faster than its limit. Slow the motion down, or give `limits.velocity` more."""
+
+
 class ArmReflex(HandFault):
     """An arm met something harder than its collision thresholds allow. It holds itself; `recover` or `reset` leads out.
 

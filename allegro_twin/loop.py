@@ -20,7 +20,7 @@ def run(backend: HandBackend, controller: Controller[M]) -> Iterator[Sample]:
 
 
 def resume(backend: HandBackend, controller: Controller[M], state: HandState) -> Iterator[Sample]:
-    """Likewise without a reset, from a state on."""
+    """Drive the hand from a state on, without a reset, for as long as the samples are consumed."""
     memory = controller.start(state)
     while True:
         command, memory = controller(state, memory)

@@ -24,7 +24,6 @@ from allegro_twin.types import Vector
 
 if TYPE_CHECKING:
     from allegro_twin.grasping.trial import Trial
-    from allegro_twin.sim.engine.backend import SimBackend
 
 S = TypeVar("S", bound=Settings)
 
@@ -33,12 +32,22 @@ class BackendSettings(Settings):
     """The `backend` block of a config. A kind of backend has a subclass with `kind: Literal[...]` and keys of its
     own."""
 
+    wire_keys: ClassVar[tuple[str, ...]] = ()
+    """Keys that are read only for a hand outside this program."""
+
     kind: str
 
     @property
     def virtual(self) -> bool:
         """Whether the hand is a simulation in this program, which stands in the scene of the task."""
         return False
+
+    def contradictions(self, task: TaskSettings) -> Iterator[str]:
+        """What of these settings contradicts the task or is read by nobody: a line each, with the key and the way
+        out."""
+        for key in self.wire_keys if self.virtual else ():
+            if key in self.model_fields_set:
+                yield f"backend.{key}: the wire of a virtual hand is inside this program and has none: leave it out"
 
     @property
     def place(self) -> str:
@@ -65,7 +74,7 @@ class BackendContext:
     """Of control, s."""
     check: Callable[[HandSpec], None]
     """Raises ConfigError for a hand that cannot be driven in this period. Call it before the wire is opened."""
-    simulate: Callable[[Settings | None, HandSpec, float], SimBackend]
+    simulate: Callable[[Settings | None, HandSpec, float], HandBackend]
     """`simulate(settings, spec, step)`: physics for a virtual hand, in the scene of the task, stepping by `step` s; its
     pictures and its trial then belong to the run. Raises ConfigError."""
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from allegro_twin.backend import HandBackend, limp_of, position_of, recover, torque_of
-from allegro_twin.errors import HandError, HandFault
+from allegro_twin.errors import HandError, HandFault, TooFast
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, PositionCommand, Sample, TorqueCommand, Vector
 
@@ -69,16 +69,14 @@ def bounded(command: PositionCommand, state: HandState, limits: Limits, spec: Ha
     return PositionCommand(position, wanted * np.where(np.isnan(fade), 1.0, fade), command.duration)
 
 
-_TOO_FAST = " moves at "
-
-
-def is_too_fast(why: str) -> bool:
-    """Whether a `violation` is of a joint's speed."""
-    return _TOO_FAST in why
-
-
-def violation(state: HandState, limits: Limits, spec: HandSpec) -> str | None:
-    """Why the hand must stop now, or None."""
+def violation(state: HandState, limits: Limits, spec: HandSpec) -> HandFault | None:
+    """Why the hand must stop now, or None; `TooFast` for a joint's speed."""
+    if not np.isfinite(state.position).all():
+        joint = int(np.isfinite(state.position).argmin())
+        return HandFault(
+            f"{spec.joint_labels[joint]} reports the position {state.position[joint]}: see to its encoder, or to the "
+            "backend, which must report numbers"
+        )
     fastest = limits.velocity
     if limits.speeds is not None:
         down, up = limits.speeds(state.position)
@@ -87,11 +85,12 @@ def violation(state: HandState, limits: Limits, spec: HandSpec) -> str | None:
         joint = int(np.nanargmax(np.abs(state.velocity) / fastest))
         speed, limit = state.velocity[joint], fastest[joint]
         where = "" if limit == limits.velocity[joint] else f" at {state.position[joint]:.2f} rad"
-        return f"{spec.joint_labels[joint]}{_TOO_FAST}{speed:.2f} rad/s, over its limit of {limit:.2f} rad/s{where}"
+        label = spec.joint_labels[joint]
+        return TooFast(f"{label} moves at {speed:.2f} rad/s, over its limit of {limit:.2f} rad/s{where}")
     if (state.temperature >= limits.hot).any():
         joint = int(np.nanargmax(state.temperature))
         celsius = state.temperature[joint]
-        return f"{spec.joint_labels[joint]} is at {celsius:.0f} °C, over its limit of {limits.hot:.0f} °C"
+        return HandFault(f"{spec.joint_labels[joint]} is at {celsius:.0f} °C, over its limit of {limits.hot:.0f} °C")
     return None
 
 
@@ -154,7 +153,7 @@ class Guard:
         reason = violation(state, self._limits, self.spec)
         if reason is not None:
             self._history.append(Sample(state, self._limp))
-            raise self._stopped(HandFault(f"stopped: {reason}; reset to go on"))
+            raise self._stopped(type(reason)(f"stopped: {reason}; reset to go on"))
         return state
 
     def recover(self) -> HandState:

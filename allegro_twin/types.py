@@ -1,4 +1,4 @@
-"""What goes up from a hand and down to it: frozen, in SI units, with read-only arrays."""
+"""Data types of states and commands: frozen, in SI units, with read-only arrays."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def frozen(values: ArrayLike) -> Vector:
 
 
 NO_WRENCH = frozen(np.empty(0))
-"""Of a device that has no sensor of force and torque."""
+"""Wrench of a device without a force-torque sensor: shape (0,)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,8 +51,8 @@ class HandState:
     """Gravity in the palm frame, shape (3,), m/s²: from the IMU, the scene or the config; NaN where none says. Of an
     arm: in its base's frame."""
     wrench: Vector = field(default_factory=lambda: NO_WRENCH)
-    """Of an arm: what hangs on its flange and what touches that, as the sensor there feels it: the force and the torque
-    on the flange in the flange's frame, shape (6,), N and N·m. Shape (0,) where no sensor is."""
+    """Wrench on an arm's flange from its load and contacts, as the sensor measures it: force and torque in the flange's
+    frame, shape (6,), N and N·m. Shape (0,) without a sensor."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from allegro_twin.errors import CommandError, HandFault, LinkError
+from allegro_twin.errors import CommandError, HandFault, LinkError, TooFast
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.loop import run
-from allegro_twin.safety import HISTORY, Guard, Limits, clamp, is_too_fast, violation
+from allegro_twin.recording.reader import load
+from allegro_twin.recording.recorder import record
+from allegro_twin.safety import HISTORY, Guard, Limits, clamp, violation
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Command, HandState, TorqueCommand, frozen
 
@@ -106,15 +109,13 @@ def test_torque_fades_from_warm_to_hot_and_an_unreported_temperature_limits_noth
 def test_too_fast_and_too_hot_are_faults_that_name_the_joint_and_the_limit() -> None:
     velocity = np.zeros(16)
     velocity[6] = -13.0
-    assert (
-        violation(state(velocity=velocity), LIMITS, SPEC)
-        == "middle_2 moves at -13.00 rad/s, over its limit of 12.00 rad/s"
-    )
+    fast = violation(state(velocity=velocity), LIMITS, SPEC)
+    assert str(fast) == "middle_2 moves at -13.00 rad/s, over its limit of 12.00 rad/s"
     temperature = np.full(16, math.nan)
     temperature[2] = 80.0
     hot = violation(state(temperature=temperature), LIMITS, SPEC)
-    assert hot == "index_2 is at 80 °C, over its limit of 75 °C"
-    assert (is_too_fast(hot), is_too_fast("")) == (False, False)
+    assert str(hot) == "index_2 is at 80 °C, over its limit of 75 °C"
+    assert [isinstance(each, TooFast) for each in (fast, hot)] == [True, False]
     assert violation(state(), LIMITS, SPEC) is None
 
 
@@ -122,9 +123,22 @@ def test_a_speed_that_is_unknown_trips_nothing_and_hides_no_other() -> None:
     velocity = np.zeros(16)
     velocity[2], velocity[6] = math.nan, -13.0
     assert "middle_2 moves at -13.00 rad/s" in str(violation(state(velocity=velocity), LIMITS, SPEC))
-    assert is_too_fast(str(violation(state(velocity=velocity), LIMITS, SPEC)))
+    assert isinstance(violation(state(velocity=velocity), LIMITS, SPEC), TooFast)
     velocity[6] = 0.0
     assert violation(state(velocity=velocity), LIMITS, SPEC) is None
+
+
+@pytest.mark.parametrize("position", [math.nan, math.inf])
+def test_a_position_that_is_no_number_is_a_fault_and_what_came_before_is_kept(position: float, tmp_path: Path) -> None:
+    lost = MIDDLE.copy()
+    lost[6] = position
+    hand = ScriptedHand(state(1), state(2), state(3, position=lost))
+    file = tmp_path / "kept.arrow"
+    with pytest.raises(HandFault, match=f"stopped: middle_2 reports the position {position}: see to its encoder"):
+        for _ in record(run(Guard(hand, LIMITS), Push(0.1)), file, SPEC, 0.003):
+            pass
+    assert (hand.torque == 0.0).all()
+    assert len(load(file)) == 3
 
 
 def test_after_a_trip_the_hand_is_limp_and_only_reset_leads_out() -> None:

@@ -147,7 +147,7 @@ def test_the_target_of_a_motion_is_counted_from_the_state_it_began_at(tmp_path: 
     rig = assemble(replay)
     rig.backend.reset()
     moves = Moves([Waypoint(load_posture("home", rig.spec), seconds=0.2)])
-    beside = session._Beside(Rig(rig.spec, rig.backend, _With(moves), None))  # Its clock is the point.
+    beside = session._Beside(Rig(rig.spec, rig.backend, _With(moves), None), seen=False)  # Its clock is the point.
     samples = [s for s in _late(tmp_path / "a.arrow") if s.state.t >= 0.15]
     path = moves.begin(samples[0].state.position)
     for sample in beside.followed(iter(samples)):

@@ -1,4 +1,4 @@
-"""From a config to a run: the guarded hand, its controller, and what surrounds them."""
+"""Assembly of a run from its config: the guarded hand, its controller, and what surrounds them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a bus log to a recording of the session that it holds."""
+"""Conversion of a bus log to a recording of the session that it holds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From the controller block of an arm's config to a controller."""
+"""Cartesian controllers made from the controller block of an arm's config."""
 
 from __future__ import annotations
 

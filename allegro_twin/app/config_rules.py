@@ -11,10 +11,6 @@ from allegro_twin.app.controller_settings import (
     PolicySettings,
     PositionSettings,
 )
-from allegro_twin.drivers.base.host_settings import VIRTUAL_PORT
-from allegro_twin.drivers.can.config import VIRTUAL, CanSettings
-from allegro_twin.drivers.dynamixel.config import DynamixelSettings
-from allegro_twin.drivers.polled.config import PolledSettings
 from allegro_twin.hands.settings import TaskSettings
 from allegro_twin.plugins import BackendSettings, ControllerSettings
 from allegro_twin.sim.settings import SimSettings
@@ -77,13 +73,4 @@ def _backend(task: TaskSettings, backend: BackendSettings) -> Iterator[str]:
         for key in ("facing", "fingers", "timestep", "start", "truth"):
             if key in scene.model_fields_set:
                 yield f"{key} of a simulated hand is where it stands alone; task.episode says it: leave one out"
-    if task.episode is not None and isinstance(backend, CanSettings) and backend.virtual and backend.imu > 0:
-        yield "backend.imu: the palm of an episode reports no gravity: leave it out"
-    if isinstance(backend, CanSettings) and backend.interface == VIRTUAL:
-        for key in ("channel", "options"):
-            if key in backend.model_fields_set:
-                yield f"backend.{key}: {VIRTUAL} is a bus inside this program and has none: leave it out"
-    if isinstance(backend, DynamixelSettings | PolledSettings) and backend.port == VIRTUAL_PORT:
-        for key in ("latency", "keeper"):
-            if key in backend.model_fields_set:
-                yield f"backend.{key}: {VIRTUAL_PORT} is a line inside this program and has none: leave it out"
+    yield from backend.contradictions(task)

@@ -1,4 +1,4 @@
-"""From the controller block of a config to a controller."""
+"""Controllers made from the controller block of a config."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a task to what the fingers follow."""
+"""References for the fingers made from a task: postures, trajectories, grasps."""
 
 from __future__ import annotations
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
@@ -16,7 +17,6 @@ from allegro_twin.backend import HandBackend, limp_of
 from allegro_twin.cell.arm.limits import arm_limits as arm_limits
 from allegro_twin.controller import Controller
 from allegro_twin.device import Device, device_of, innermost
-from allegro_twin.errors import HandError
 from allegro_twin.files.schema import Settings
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.limits import check_period, hand_limits
@@ -135,13 +135,13 @@ def context_of(config: RunConfig, scene: SimulatedScene, physics: Physics | None
     def check(spec: HandSpec) -> None:
         check_period(config.period, spec, config.controller.kind)
 
-    def simulate(settings: Settings | None, spec: HandSpec, step: float) -> SimBackend:
+    def simulate(settings: Settings | None, spec: HandSpec, step: float) -> HandBackend:
         if physics is not None:
             other, scene.trial = physics(spec, step)
-            return other  # type: ignore[return-value]  # Who drives it knows a backend only.
+            return other
         if config.task.episode is not None:
             scene.episode = episode_of(config.task.episode, spec, step, config.task.posture)
-            return scene.episode  # type: ignore[return-value]  # Likewise.
+            return scene.episode
         wanted = SceneSettings(kind="sim") if settings is None else settings
         assert isinstance(wanted, SimSettings)
         scene.sim, scene.trial = simulated(wanted, config.task, spec, step)
@@ -155,7 +155,8 @@ def assemble(config: RunConfig, physics: Physics | None = None) -> Rig:
     our simulation. Raises ConfigError, LinkError or RecordingError."""
     kind, scene = BACKENDS.kind(config.backend.kind), SimulatedScene()
     backend = kind.open(config.backend, context_of(config, scene, physics))
-    try:
+    with ExitStack() as opened:
+        opened.callback(backend.close)
         spec = backend.spec
         if not kind.replays:
             check_period(config.period, spec, config.controller.kind)
@@ -165,14 +166,14 @@ def assemble(config: RunConfig, physics: Physics | None = None) -> Rig:
             replayed=kind.replays,
         )  # fmt: skip
         if kind.replays:
-            return Rig(spec, backend, controller, config.seconds)
-        if trial is not None:
-            seconds = trial.seconds + (STAY if scene.trial is None else 0.0)
-        seconds, guard = config.seconds or seconds, guarded(config, spec, backend)
-        return Rig(spec, guard, controller, seconds, scene.trial, scene.sim, scene.episode)
-    except HandError:
-        backend.close()
-        raise
+            rig = Rig(spec, backend, controller, config.seconds)
+        else:
+            if trial is not None:
+                seconds = trial.seconds + (STAY if scene.trial is None else 0.0)
+            seconds, guard = config.seconds or seconds, guarded(config, spec, backend)
+            rig = Rig(spec, guard, controller, seconds, scene.trial, scene.sim, scene.episode)
+        opened.pop_all()
+    return rig
 
 
 def pose_of(episode: EpisodeBackend | None) -> Callable[[], Vector] | None:

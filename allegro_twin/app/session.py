@@ -14,10 +14,10 @@ import numpy as np
 from allegro_twin.app.config import RunConfig
 from allegro_twin.app.references import STAY, goal_of
 from allegro_twin.app.rig import Rig, limp_while
-from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.first_error import closing_noted
 from allegro_twin.loop import paced, resume, to_the_end, until
+from allegro_twin.plugins import BACKENDS
 from allegro_twin.sim.contact.collision_free_paths import CollisionFreeMove
 from allegro_twin.spec.arm import ArmSpec
 from allegro_twin.types import Array, HandState, Sample
@@ -25,7 +25,7 @@ from allegro_twin.version import __version__
 
 if TYPE_CHECKING:
     from allegro_twin.grasping.verdict import TrialReport
-    from allegro_twin.learning.environments.episode import EpisodeBackend
+    from allegro_twin.learning.environments.episode import EpisodeBackend, EpisodeScene
     from allegro_twin.learning.mpc.controller import MpcController
     from allegro_twin.spec.thermal import ThermalData
     from allegro_twin.viewing.camera import Scene
@@ -99,8 +99,10 @@ def perform(
     notes: list[str] = list(rig.trial.warnings()) if rig.trial is not None else []
     if rig.trial is None and config.task.scenario is not None:
         notes.append("no verdict: only a simulation sees what becomes of the object")
-    outcome, beside, viewers, unwritten = None, _Beside(rig), list[Any](), ""
+    seen = any(wanted is not None for wanted in (outputs.record, outputs.rrd, outputs.live))
+    outcome, beside, viewers, unwritten = None, _Beside(rig, seen=seen), list[Any](), ""
     try:
+        # The hand is closed inside the log, which has its last words, and outside of one that cannot be made.
         with closing(rig.backend), _wire_logged(rig, config, outputs), closing(rig.backend), ExitStack() as stack:
             planner = _planner(rig, stack)
             samples = to_the_end(_begun(rig))
@@ -188,10 +190,16 @@ def _failed(episode: EpisodeBackend) -> bool:
 
 
 class _Beside:
-    """What is known beside the samples: where the controller wants the joints, and what a trial sees."""
+    """What is known beside the samples: where the controller wants the joints, and what a trial or an episode sees.
 
-    def __init__(self, rig: Rig) -> None:
+    `seen`: whether somebody looks on.
+    """
+
+    def __init__(self, rig: Rig, *, seen: bool) -> None:
         self._rig, self._target = rig, np.empty(0)
+        self._scene = None if rig.episode is None or not seen else _scene_of_episode(rig.episode)
+        self.look = _look(rig) if self._scene is None else {"look": self._scene.appearance}
+        """What the metadata of a recording say of the looks of a scene."""
         self.motion = 0.0
         """How long the controller's motion takes, s."""
         self.began = 0.0
@@ -224,13 +232,14 @@ class _Beside:
 
     def __call__(self) -> dict[str, Array]:
         found: dict[str, Array] = dict(self._rig.trial.latest()) if self._rig.trial is not None else {}
+        found |= self._scene.poses() if self._scene is not None else {}
         return found | {"target": self._target} if self._target.size else found
 
 
 def _missed(rig: Rig, config: RunConfig, last: HandState, motion: float) -> str:
     """Judged by where the joints truly are in a simulation, and by what any other hand reports."""
     goal = None if config.task.posture is None else goal_of(config, rig.spec)  # Without a task nothing was asked for.
-    if goal is None or config.backend.kind == "replay":  # In a recording others did what happened.
+    if goal is None or BACKENDS.kind(config.backend.kind).replays:  # In a recording others did what happened.
         return ""
     off = np.abs((last.position if rig.sim is None else rig.sim.true_position) - goal)
     far = [joint for joint in np.argsort(-off) if not off[joint] <= REACHED]
@@ -249,14 +258,19 @@ def _wire_logged(rig: Rig, config: RunConfig, outputs: Outputs) -> Iterator[None
     if path is None:
         yield
         return
-    if not isinstance(config.backend, CanSettings):
-        raise ConfigError(
-            f"{path}: only a hand on a bus has frames to log; this config has no `backend: {{kind: can}}`"
-        )
+    logs: list[Callable[[Any], None]] = []
+
+    def hear(frame: Any) -> None:
+        for each in logs:
+            each(frame)
+
+    if not rig.device.listen(hear):
+        kind = config.backend.kind
+        raise ConfigError(f"{path}: only a hand on a CAN bus has frames to log, and a {kind} hand has none")
     from allegro_twin.drivers.can.tools.log import WireLog
 
-    with closing_noted(WireLog(path, Path(config.backend.channel).name)) as log:
-        rig.device.listen(log)
+    with closing_noted(WireLog(path, Path(getattr(config.backend, "channel", config.backend.kind)).name)) as log:
+        logs.append(log)
         yield
 
 
@@ -267,7 +281,7 @@ def _kept(
         return samples
     from allegro_twin.recording.recorder import record
 
-    meta = recording_meta(rig, config)
+    meta = recording_meta(rig, config) | beside.look
     return record(samples, outputs.record, rig.spec, rig.backend.period, meta=meta, extras=beside)
 
 
@@ -299,7 +313,7 @@ def _drawn(
     viewer_of, shown = rerun_stage()
     from allegro_twin.viewing.scenery import scenery
 
-    scene = scenery(rig.spec, _look(rig))
+    scene = scenery(rig.spec, beside.look)
     if outputs.rrd is not None:
         viewer = stack.enter_context(viewer_of(rig.spec, scene, view=outputs.camera).recorded(outputs.rrd))
         viewers.append(viewer)
@@ -322,6 +336,12 @@ def _concluded(viewers: list[Any], report: TrialReport | None, thermal: ThermalD
 
         for viewer in viewers:
             viewer.conclude(phase_results(report), report_markdown(report, thermal))
+
+
+def _scene_of_episode(episode: EpisodeBackend) -> EpisodeScene:
+    from allegro_twin.learning.environments.episode import EpisodeScene
+
+    return EpisodeScene(episode)
 
 
 def _look(rig: Rig) -> dict[str, Any]:

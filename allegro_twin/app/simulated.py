@@ -9,6 +9,7 @@ import numpy as np
 
 from allegro_twin.app.config import RunConfig
 from allegro_twin.app.references import posture_of
+from allegro_twin.backend import HandBackend
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.schema import PerJoint, parse_settings
 from allegro_twin.hands.description.specs import load_spec
@@ -120,7 +121,7 @@ def _alone(settings: SimSettings, spec: HandSpec, period: float, start: Vector |
     return SimBackend(spec, compile_scene(spec, stage), period=period, posture=start)
 
 
-def open_simulated(settings: SimSettings, context: BackendContext) -> SimBackend:
+def open_simulated(settings: SimSettings, context: BackendContext) -> HandBackend:
     """The hand in MuJoCo, in the scene of the task. Raises ConfigError."""
     spec = context.spec()
     context.check(spec)

@@ -1,4 +1,4 @@
-"""From the settings to everything that stands in the room: arm, hand, things, camera, eyes."""
+"""Assembly of a cell from its settings: arm, hand, objects, camera and perception."""
 
 from __future__ import annotations
 
@@ -46,16 +46,16 @@ class Cell:
     camera: CellCamera
     pipeline: PerceptionPipeline
     model: HandKinematics
-    """Of the hand."""
+    """Kinematics of the hand."""
     library: Library
     security: Pose
-    """Of the palm, in the world."""
+    """Pose of the palm where the arm waits, in the world."""
     posture: Vector
-    """Of the arm there, (7,), rad."""
+    """Posture of the arm there, (7,), rad."""
     open: Vector
-    """Of the hand, (n,), rad."""
+    """Posture of the open hand, (n,), rad."""
     stiffness: Vector
-    """Of its controller, (n,), N·m/rad."""
+    """Stiffness of the hand's controller, (n,), N·m/rad."""
     forces: Array
     """What its motors give at the least and at the most, (2, n), N·m: a tendon only pulls."""
     clearance: ObstacleClearance
@@ -112,5 +112,5 @@ def waiting_pose(robot: ArmWithHand, wait: SecuritySettings) -> tuple[Pose, Vect
 
 
 def with_objects(settings: LabSettings, things: Sequence[TableObjectSettings], seed: int) -> LabSettings:
-    """The same cell with other things on the table."""
+    """Settings of the same cell with other objects on the table."""
     return settings.model_copy(update={"objects": tuple(things), "seed": seed})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from typing import TypeVar
@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from allegro_twin.backend import HandBackend, recover
-from allegro_twin.cell.actions import WATCHED, CellActions
+from allegro_twin.cell.actions.cell_actions import WATCHED, CellActions
 from allegro_twin.cell.arm.impedance import Stiffness, stuck
 from allegro_twin.cell.arm.target import Smoothing
 from allegro_twin.cell.assembly import Cell
@@ -34,7 +34,7 @@ from allegro_twin.cell.states import (
     watch_outcome,
 )
 from allegro_twin.controller import Controller
-from allegro_twin.errors import ArmReflex, HandFault, LinkError
+from allegro_twin.errors import ArmReflex, HandError, HandFault, LinkError
 from allegro_twin.loop import interleave, resume, run
 from allegro_twin.types import Array, HandState, Sample
 
@@ -109,8 +109,9 @@ def perform(
     on_prepare(work)
     law = arm_controller(cell, work.guide)
     grip = finger_controller(SteeredReference(work.fingers), cell.settings.hand.gains, cell.hand.spec, cell.model)
-    arms = arm(run_through_reflexes(cell.arm, law, work.on_reflex))
-    hands = hand(run(cell.hand, grip))
+    failed: list[str] = []
+    arms = arm(_noted("arm", run_through_reflexes(cell.arm, law, work.on_reflex), failed))
+    hands = hand(_noted("hand", run(cell.hand, grip), failed))
     rules, clock = state_rules(cell.settings), _Clock(cell.settings)
     last: Sample | None = None
     passed = [0.0, 0.0]  # Of the arm's and the hand's periods, s: counted, for a clock may stand still.
@@ -121,10 +122,10 @@ def perform(
                 now = endless_run(now, sample.state.t, rules, ("arm", "hand")[turn])
                 seen.enter(now, on_state)
                 if last is not None:
-                    work.stand_still(last.state)
+                    work.motion.stand_still(last.state)
                 break
             if turn == 1:
-                work.update_hand(sample.state)
+                work.hand.update(sample.state)
                 continue
             state, last = sample.state, sample
             if state.tick == 0:
@@ -150,7 +151,7 @@ def perform(
                 seen.enter(now, on_state)
                 work.enter(now, state)
     except (HandFault, LinkError) as error:
-        now = ended(now, 0.0 if last is None else last.state.t, CellOutcome("fault", _who(error, cell), str(error)))
+        now = ended(now, 0.0 if last is None else last.state.t, CellOutcome("fault", _who(error, failed), str(error)))
         seen.enter(now, on_state)
         _hold(cell, work, last, (arms, hands))
     assert now.end is not None
@@ -208,13 +209,14 @@ class _Story:
         assert now.end is not None
         work, first, last = self._work, self._first, self._places()
         error, chosen = float("nan"), self._cell.settings.objects[0].name
-        if work.solid is not None:
+        target = work.target
+        if target.solid is not None:
             stood = self._taken or first
-            errors = {name: float(np.linalg.norm(work.solid.position - at)) for name, at in stood.items()}
+            errors = {name: float(np.linalg.norm(target.solid.position - at)) for name, at in stood.items()}
             chosen = min(errors, key=errors.__getitem__)
             error = errors[chosen]
         ways = {name: float(np.linalg.norm(last[name] - first[name])) for name in last if name != chosen}
-        name = None if work.way is None else work.way.card.name
+        name = None if target.way is None else target.way.card.name
         places, heights = object_places(self._cell), self._middles()
         off = places.off_table
         moved = tuple((name, way) for name, way in ways.items() if way > _STIRRED and name not in off)
@@ -224,8 +226,9 @@ class _Story:
         if self._cell.settings.tray is None:
             places = ObjectPlaces(off_table=off)
         return LabReport(
-            end, tuple(self._events), now.tries, work.solid, name, work.checked, error, risen.get(chosen, 0.0), chosen,
-            moved, now.released, places.in_tray, places.on_table, places.off_table, None if end is now.end else now.end,
+            end, tuple(self._events), now.tries, target.solid, name, work.held.found, error, risen.get(chosen, 0.0),
+            chosen, moved, now.released, places.in_tray, places.on_table, places.off_table,
+            None if end is now.end else now.end,
         )  # fmt: skip
 
     def _middles(self) -> dict[str, float]:
@@ -294,17 +297,24 @@ def run_through_reflexes(
             on_reflex(error, state)
 
 
-def _who(error: Exception, cell: Cell) -> str:
-    arm = cell.robot.spec.name in str(error) or any(name in str(error) for name in cell.robot.spec.joints)
-    what = "silent" if isinstance(error, LinkError) else "stopped"
-    return f"{'arm' if arm else 'hand'} {what}"
+def _noted(device: str, samples: Iterator[Sample], failed: list[str]) -> Iterator[Sample]:
+    """A stage that adds the device's name to `failed` when its samples end in an error."""
+    try:
+        yield from samples
+    except HandError:
+        failed.append(device)
+        raise
+
+
+def _who(error: Exception, failed: Sequence[str]) -> str:
+    return f"{failed[0] if failed else 'cell'} {'silent' if isinstance(error, LinkError) else 'stopped'}"
 
 
 def _hold(cell: Cell, work: CellActions, last: Sample | None, left: tuple[Iterator[Sample], Iterator[Sample]]) -> None:
     """Let whoever is still there go on for a moment: the arm stands still, or the hand keeps what it has."""
     if last is None:
         return
-    work.stand_still(last.state)
+    work.motion.stand_still(last.state)
     for samples, device in zip(left, (cell.arm, cell.hand), strict=True):
         for _ in islice(_left(samples), round(WATCHED / device.period)):  # Counted: a clock may stand still.
             pass

@@ -1,4 +1,4 @@
-"""What the YAML of a whole cell says (conf/lab_*.yaml)."""
+"""Settings of a whole cell (conf/lab_*.yaml)."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class ArmSettings(Settings):
     angular_stiffness: Positive = 50.0
     """N·m/rad."""
     speed: Positive = 0.4
-    """Of the set-point at most, m/s."""
+    """Speed limit of the set-point, m/s."""
     turning: Positive = 1.6
     """rad/s."""
     approach: Positive = 1.2
@@ -36,7 +36,7 @@ class ArmSettings(Settings):
     lift: Positive = 1.0
     """s that the lift takes: as in conf/protocols/table_pick.yaml, by which the grasps were found."""
     joint_speed: Positive = 1.5
-    """Of the fastest joint on far ways, at its peak, rad/s."""
+    """Peak speed of the fastest joint on far paths, rad/s."""
     collision: CollisionSettings | None = CollisionSettings()
     """Thresholds beyond which the arm stops; None: it never does."""
     period: Positive = 0.003
@@ -106,9 +106,9 @@ class GraspCheckSettings(Settings):
     by: Literal["force", "torque", "fingers"] = "fingers"
     """Which of the three decides; all are told. `fingers`: by where they are, compared with a close on nothing."""
     samples: Annotated[int, Field(ge=1)] = 100
-    """Of the force, where the arm waits and after the lift."""
+    """Samples of the force, where the arm waits and after the lift."""
     tare: Annotated[int, Field(ge=1)] = 1000
-    """Of the force before the approach to an object that may be too light for `samples`."""
+    """Samples of the force before the approach to an object that may be too light for `samples`."""
     long: Annotated[int, Field(ge=1)] = 1500
     """After the lift, where nothing else confirms what is held: what is light and hidden is weighed for longer."""
     least: Positive = 0.053
@@ -152,7 +152,7 @@ class GraspPlanningSettings(Settings):
     density: Positive = 700.0
     """kg/m³, by which what was seen is taken to weigh so much: a camera does not weigh. Most packed food has less."""
     rounds: Annotated[int, Field(ge=1)] = 3
-    """Of variations of the stored grasps, at most, and in each"""
+    """Most rounds of variations of the stored grasps, and in each"""
     closed: Annotated[int, Field(ge=1)] = 8
     """so many that physics closes; what holds is tried under draws of"""
     uncertainty: Uncertainty = Uncertainty(
@@ -169,7 +169,7 @@ class TraySettings(Settings):
     size: tuple[Positive, Positive] = (0.26, 0.26)
     """Outer edges along x and y, m."""
     height: Positive = 0.04
-    """Of its walls, m."""
+    """Height of its walls, m."""
     above: Positive = 0.04
     """An object is let go with its lowest point this far above the walls, m."""
     objects: Annotated[int, Field(ge=1)] = 12
@@ -221,7 +221,7 @@ class LabSettings(Settings):
     perception: PerceptionSettings
     objects: Annotated[tuple[TableObjectSettings, ...], Field(min_length=1)]
     friction: Annotated[float, Field(gt=0, le=1.0)] = 0.8
-    """Of every contact."""
+    """Friction of every contact."""
     security: SecuritySettings = SecuritySettings()
     lift: Annotated[float, Field(ge=0.08)] = 0.15
     """m; what is 5 cm higher is lifted, and 3 cm are left for what sags and shifts in the hand."""
@@ -236,7 +236,7 @@ class LabSettings(Settings):
     follow: RemoteControlSettings = RemoteControlSettings()
     ros: RosNameSettings = RosNameSettings()
     seed: Seed = 0
-    """Of the camera's and the force sensor's noise."""
+    """Seed of the camera's and the force sensor's noise."""
 
     @model_validator(mode="after")
     def _names(self) -> LabSettings:

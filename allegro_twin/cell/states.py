@@ -65,7 +65,7 @@ class MachineState:
     """Counting this one."""
     end: CellOutcome | None = None
     cause: CellOutcome | None = None
-    """Of a retreat: what the arm met."""
+    """Cause of a retreat: the contact of the arm."""
     released: int = 0
     """Objects that were put where they belong."""
     left: tuple[CellOutcome, ...] = ()

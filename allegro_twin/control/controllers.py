@@ -126,7 +126,7 @@ class PositionControl:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConstantCommand:
-    """The same command every time, such as the one that lets the hand go limp."""
+    """Controller that repeats one command, such as the one that lets the hand go limp."""
 
     command: Command
 

@@ -155,9 +155,9 @@ class CentroidGrasp:
     stiffness: float = 600.0
     """Against a motion of the object, N/m."""
     damping: float = 0.12
-    """Of every joint, N·m·s/rad."""
+    """Damping of every joint, N·m·s/rad."""
     posture_stiffness: float = 1.0
-    """Of the null space of the fingertip forces, N·m/rad."""
+    """Stiffness towards the posture, in the null space of the fingertip forces, N·m/rad."""
     felt: Callable[[], NDArray[np.bool_]] | None = None
     """Another source, such as a mirror, for which of its fingers are in contact, (k,); None: those that are pushed and
     do not move."""
@@ -239,13 +239,13 @@ class EnvelopGrasp:
     """Closing torques at scale 1, (n,), N·m; joints with zero stay at the pre-shape."""
     scale: float = 1.0
     closing_scale: float = 0.3
-    """Of `torque` before the squeeze."""
+    """Share of `torque` that closes the fingers before the squeeze."""
     stiffness: float = 4.0
     """Against a motion of the wrapped object, N·m/rad."""
     ramp: float = 0.3
     """s."""
     damping: float = 0.12
-    """Of the closing joints, N·m·s/rad."""
+    """Damping of the closing joints, N·m·s/rad."""
 
     def start(self, state: HandState) -> EnvelopMemory:
         still = StallTimes(np.zeros(len(self.joints)))
@@ -275,7 +275,7 @@ class EnvelopGrasp:
 
 
 EARLY = 0.8
-"""Of the time for closing in which fingers go on beyond where they are expected to meet the object."""
+"""Share of the closing time in which fingers may move on beyond their expected contact with the object."""
 
 
 class LatchParameters(NamedTuple):
@@ -294,11 +294,11 @@ class LatchParameters(NamedTuple):
     limit: Array
     """The most that a joint pushes while it closes, (..., n), N·m."""
     damping: Array
-    """Of the joints themselves, (..., n), N·m·s/rad: what fast closing loses is no push."""
+    """Damping of the joints themselves, (..., n), N·m·s/rad; the torque that it takes is not counted as contact."""
     beyond: Array
     """How far joints go on beyond where they are expected to meet the object, (..., n), rad."""
     offset: Array
-    """Of the squeeze from where the joints have come to rest, (..., n), rad."""
+    """Offset of the squeeze from the positions where the joints have come to rest, (..., n), rad."""
 
 
 class LatchState(NamedTuple):

@@ -173,7 +173,7 @@ def _search(space: PlanningSpace, start: Vector, goal: Vector, random: np.random
 
 
 def _shorten(space: PlanningSpace, rows: list[Vector]) -> list[Vector]:
-    """The same path without the stops that can be left out."""
+    """Remove the stops of a path that a straight clear line can bypass."""
     kept = [rows[0]]
     while len(rows) > 1:
         skip = next((k for k in range(len(rows) - 1, 1, -1) if is_clear(space, rows[0], rows[k])), 1)

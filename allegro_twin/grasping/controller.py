@@ -1,4 +1,4 @@
-"""From a grasp in the library to the controller that performs it."""
+"""Grasp controllers: a grasp of the library as the controller that performs it."""
 
 from __future__ import annotations
 

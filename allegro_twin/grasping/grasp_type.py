@@ -1,4 +1,4 @@
-"""Which type of the GRASP taxonomy a grasp is, by the contacts that carry.
+"""Grasp types of the GRASP taxonomy, from the contacts that carry the load.
 
 The cells are those of Feix et al. 2016 (`library.taxonomy`): opposition, virtual finger 2, power or precision, thumb.
 Where types share a cell, the object's shape and size decide, as the paper says; its figure shows which, and gives no
@@ -30,9 +30,9 @@ from allegro_twin.hands.library.taxonomy import GRASP_TYPES, NONE, Control, Obse
 from allegro_twin.types import Array
 
 CARRIES = 0.05
-"""Of the hand's normal force on the object."""
+"""Share of the hand's normal force on the object from which a part of the hand carries."""
 INNER = 0.25
-"""Of the digits' normal force: more than fingertips hold on."""
+"""Share of the digits' normal force on inner links from which more than fingertips hold."""
 ABDUCTED = 45.0
 """Degrees. Between the palm's plane, where an adducted thumb lies, and its normal, along which one opposes."""
 STRAIGHT = 0.9
@@ -40,13 +40,13 @@ STRAIGHT = 0.9
 APART = 30.0
 """Degrees across the palm between the directions in which two fingers press: around an object, not side by side."""
 MOSTLY = 0.5
-"""Of a digit's force on one kind of surface."""
+"""Share of a digit's force on one kind of surface from which it bears mostly with that."""
 SMALL, LARGE = 0.25, 0.55
-"""Of the longest finger: thickness of an object below which the hand closes around it, and above which it does not
-get around. 25 and 55 mm of a human's finger of 100 mm."""
+"""Shares of the longest finger: thickness of an object below which the hand closes around it, and above which it does
+not get around. 25 and 55 mm of a human's finger of 100 mm."""
 FLAT, LONG, EQUAL, ROUND = 0.5, 2.0, 1.3, 0.65
-"""Of an object: thickness over width of a plate or disk, length over width of a rod, width over thickness up to which
-it is as wide as thick, and how much of its box it fills as a ball (π/6 = 0.52; a cylinder π/4 = 0.79)."""
+"""Shape limits of an object: thickness over width of a plate or disk, length over width of a rod, width over thickness
+up to which it is as wide as thick, and how much of its box it fills as a ball (π/6 = 0.52; a cylinder π/4 = 0.79)."""
 
 
 class ObjectShape(NamedTuple):
@@ -98,9 +98,9 @@ class GraspObservation:
     thumb: str | None = "thumb"
     """None: a hand whose digits are alike; then the one that all others press against is."""
     elevation: float = 90.0
-    """Of the thumb out of the palm's plane, degrees."""
+    """Elevation of the thumb out of the palm's plane, degrees."""
     straight: Mapping[str, float] = field(default_factory=dict)
-    """Of each digit, root to tip over its length; 0 where nobody says."""
+    """Straightness of each digit: root to tip over its length; 0 where unknown."""
     reach: float = 0.1
     """Length of the longest finger, m."""
 
@@ -289,7 +289,7 @@ class _Classifier:
         return float(max(across) - min(across))
 
     def _opposed(self) -> str | None:
-        """Of digits without a name, the one that all others press against."""
+        """Digit without a name that all others press against; None where there is none."""
         digits = [f for f in self.seen.fingers if f in self.share]
         ways = {f: self._direction(f) for f in digits}
         found = [f for f in digits if len(digits) > 1 and all(ways[f] @ ways[g] < 0.0 for g in digits if g != f)]

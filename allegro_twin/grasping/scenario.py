@@ -120,13 +120,13 @@ class TrialProtocol(Settings):
     floating: bool = False
     """There is no table: the object hangs where the grasp meets it."""
     mass: Positive | None = None
-    """Of the object, kg; None: its own."""
+    """Mass of the object, kg; None: its own."""
     friction: Annotated[float, Field(gt=0, le=2.0)] | None = None
     """Sliding friction of every contact; None: the scenario's."""
     gains: str | None = None
-    """Of the hand's position controller; None: those of whoever runs it."""
+    """Gains of the hand's position controller; None: those of whoever runs it."""
     period: Positive | None = None
-    """Of control, s; None: the hand's."""
+    """Control period, s; None: the hand's."""
     directions: Literal[1, 6] = 1
     """6: a trial for each of ±x, ±y, ±z, to which the pushes along x are turned."""
     phases: Annotated[tuple[Phase, ...], Field(min_length=1)]
@@ -165,9 +165,9 @@ class ScenarioObject(Settings):
     mass: Positive | None = None
     """kg; by default that of the catalogue, of a mesh 500 kg/m³ times its volume. An MJCF brings its own."""
     file: Path | None = None
-    """Of a mesh (.obj, .stl) or an MJCF; a relative path is the scenario's own."""
+    """File of a mesh (.obj, .stl) or an MJCF; a relative path is the scenario's own."""
     scale: Positive | None = None
-    """Of a mesh: the unit of the file, m; None: as the file or its size says."""
+    """Unit of a mesh's file, m; None: as the file or its size says."""
     collision: Literal["pieces", "hull"] = "pieces"
     """How a mesh collides: as what it is, in convex pieces, or as its hull."""
     up: Literal["x", "y", "z"] = "z"

@@ -1,4 +1,4 @@
-"""How sure one can be of a rate of success, and of which of two is better."""
+"""Statistics of success rates: intervals, and comparison of two grasps."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from allegro_twin.errors import ConfigError
 
 
 class Interval(NamedTuple):
-    """Of a probability."""
+    """Confidence interval of a probability."""
 
     low: float
     high: float
@@ -36,7 +36,8 @@ class PairedCounts(NamedTuple):
 
     @property
     def p_value(self) -> float:
-        """Of the exact McNemar test: how often a difference at least so large comes up where there is none."""
+        """Two-sided p of the exact McNemar test: how often a difference at least so large comes up where there is
+        none."""
         return mcnemar(self.only_first, self.only_second)
 
 

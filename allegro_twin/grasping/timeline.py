@@ -1,4 +1,4 @@
-"""From a scenario to what the simulator needs: the scene, the wrist's motion, the grasp's timeline."""
+"""Trial timeline: the scene, the wrist's motion and the grasp's phases that a scenario asks for."""
 
 from __future__ import annotations
 
@@ -87,7 +87,8 @@ def first_posture(protocol: TrialProtocol, grasp: Grasp, spec: HandSpec) -> Vect
 
 
 def _posture(joints: Sequence[float], spec: HandSpec) -> Vector:
-    """Of the right hand's joints, on the spec's side, (n,), rad. Raises ConfigError for another number of them."""
+    """Posture of the right hand's joints on the spec's side, (n,), rad. Raises ConfigError for another number of
+    them."""
     posture = np.array(joints)
     if posture.shape != (spec.n_joints,):
         raise ConfigError(f"posture: {len(posture)} joints; {spec.name} has {spec.n_joints}")

@@ -98,7 +98,7 @@ class Trial:
 
     @property
     def mass(self) -> float:
-        """Of the object to grasp, kg."""
+        """Mass of the object to grasp, kg."""
         return self.backend.mass_of(self.scenario.objects[0].name)
 
     def warnings(self) -> list[str]:

@@ -1,4 +1,4 @@
-"""What a hand is not told: how far the object of a trial is from where, and from what, it is taken to be.
+"""Uncertainty of a trial: random deviations of the object, unknown to the hand.
 
 Draw number i of a seed is the same for every grasp and every object (common random numbers), so that two grasps are
 compared on the same cases.
@@ -38,11 +38,11 @@ class Uncertainty(Settings):
     """Half-widths of uniform distributions."""
 
     position: Annotated[float, Field(ge=0, le=0.1)] = 0.010
-    """Of the object along x and y, m."""
+    """Deviation of the object along x and y, m."""
     yaw: Annotated[float, Field(ge=0, le=180)] = 10.0
     """About the vertical, degrees."""
     size: Share = 0.05
-    """Of all its measures together, as a fraction."""
+    """Deviation of all its measures together, as a fraction."""
     mass: Share = 0.2
     """As a fraction."""
     friction: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]] | None = (0.5, 1.0)

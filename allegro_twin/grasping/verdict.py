@@ -12,7 +12,7 @@ from allegro_twin.kinematics.orientation import angle_between, matrix_from_quate
 from allegro_twin.types import Array, Vector
 
 FULL = 0.99
-"""Of its torque limit: a joint that pushes so hard has no more to give."""
+"""Share of its torque limit from which a joint has no more to give."""
 FELL = 0.3
 """m by which an object is lower than where it lay: it has left the table. One that tips over on it sinks by less."""
 
@@ -38,7 +38,7 @@ class Rule:
     drift: float
     """How far it may have moved in the palm's frame, m."""
     rotation: float
-    """Likewise, degrees."""
+    """Largest rotation in the palm's frame, degrees."""
     lift: float = 0.0
     """How high the wrist lifts it, m: it must rise with it, but for `drift`."""
     throughout: bool = False
@@ -54,7 +54,7 @@ class Observations:
     palm: Array
     """Position and quaternion in the world, (k, 7), m."""
     thing: Array
-    """Of the object, (k, 7), m."""
+    """Pose of the object in the world, (k, 7), m."""
     contact_force: Array
     """Sum of normal forces on the object by each part of the hand, (k, p), N."""
     on_table: Array
@@ -73,9 +73,9 @@ class PhaseReport:
 
     name: str
     drift: float
-    """Of the object in the palm's frame at the end, since the reference, m."""
+    """Drift of the object in the palm's frame at the end, since the reference, m."""
     rotation: float
-    """Likewise, degrees."""
+    """Rotation of the object in the palm's frame at the end, since the reference, degrees."""
     largest_drift: float
     """During the phase, m."""
     contact_force: Mapping[str, float]
@@ -226,7 +226,7 @@ def _phase(
 
 
 def _largest(values: Array) -> float:
-    """Of those that are no NaN; NaN where all are, or there is none."""
+    """Largest value that is not NaN; NaN where all are, or there is none."""
     known = values[~np.isnan(values)]
     return float(known.max()) if len(known) else float("nan")
 

@@ -103,7 +103,7 @@ class ArmModel:
         return np.array(pin.crba(self._model, self._data, self._joints("position", position)))
 
     def light(self, link: float = 0.1, tip: float = 1.0) -> ArmModel:
-        """The same chain with other masses: every link a point of `link` kg at its joint, and at the tool a body of
+        """Copy of the chain with light masses: each link a point of `link` kg at its joint, and at the tool a body of
         `tip` kg and as many kg·m²."""
         other = ArmModel(self.spec, self.tool)
         nothing = np.zeros(3)

@@ -18,16 +18,17 @@ from allegro_twin.types import Array, Vector
 
 
 class Law(NamedTuple):
-    """Where a joint is by what drives it."""
+    """Position of a joint as a function of its motor's position."""
 
     motor: int
     """Place among the finger's motors; -1: none of them moves it."""
     lower: float
-    """Of the motor, rad."""
+    """Lower limit of the motor, rad."""
     per_step: float
     """Steps of the table in a radian of the motor; 0: the joint is where its motor is."""
     table: tuple[float, ...]
-    """Of joint positions, rad or m; of a joint that no motor of the finger moves, where it stays."""
+    """Joint positions at even steps of the motor, rad or m; one constant position for a joint that no motor of the
+    finger moves."""
 
 
 class FingerChain:
@@ -121,8 +122,8 @@ class FingerChain:
         return [tx, ty, tz], columns
 
     def many(self, q: Array) -> tuple[Array, Array, Array, Array]:
-        """Of postures (k, N), rad: tips (3, N), m; their axes (3, 3, N), columns first; Jacobians of position (k, 3, N)
-        and of rotation (k, 3, N)."""
+        """Forward kinematics of postures (k, N), rad: tips (3, N), m; tip axes (3, 3, N) as columns; Jacobians of
+        position (k, 3, N) and of rotation (k, 3, N)."""
         n = q.shape[1]
         x, y, z = (np.repeat(np.eye(3)[:, k : k + 1], n, axis=1) for k in range(3))
         p = np.zeros((3, n))

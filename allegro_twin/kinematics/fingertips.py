@@ -83,7 +83,7 @@ class ClosedFormFingertips:
 
 class _Constants(NamedTuple):
     signs: Array
-    """Of the angles, (4, fingers)."""
+    """Signs of the angles, (4, fingers)."""
     bends: Array
     """1 of fingers, 0 of thumbs, (fingers,)."""
     thumbs: Array
@@ -92,7 +92,7 @@ class _Constants(NamedTuple):
     offset: Array
     """(3, fingers), m."""
     axes: Array
-    """Of the chains' bases in the palm frame, (3, fingers, 3)."""
+    """Axes of the chains' bases in the palm frame, (3, fingers, 3)."""
     origin: Array
     """(fingers, 3), m."""
 

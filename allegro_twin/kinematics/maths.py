@@ -37,7 +37,7 @@ class Maths(Generic[T]):
     root: Callable[[T], T]
     """√max(x, 0)."""
     wrap: Callable[[T, float], T]
-    """The same angle within π of another, rad."""
+    """Equivalent angle within π of another, rad."""
     where: Callable[[object, T | float, T | float], T]
     """The second where the first holds, else the third."""
     any: Callable[[object], bool]

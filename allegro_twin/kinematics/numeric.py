@@ -30,7 +30,7 @@ _DAMPING = 0.01  # Of |e|².
 _LEAST = 1e-12, 3e-9  # m², of the damping; with less the inverse for one or two joints is lost in rounding.
 _NO_LIMITS = 20.0  # rad
 _PULL, _DRAWN = 0.03, 8
-"""Of the way back to `near`, where that costs the tip nothing, and in how many rounds."""
+"""Share of the distance to `near` that a round moves where that costs the tip nothing, and number of rounds."""
 _SEEDS, _RESTARTS = 1024, 12  # Postures whose tips are known, and how many of them a search may begin at.
 _TURN = 2e-3  # m/rad. What an orientation weighs against the position.
 
@@ -187,7 +187,8 @@ class NumericFinger:
         return np.array(best), least
 
     def _nearest_seeds(self, targets: Array, limits: _Limits, attempt: int) -> Array:
-        """Of postures that are the same in every call, those whose tip is the `attempt`-th nearest, (targets, k)."""
+        """Fixed seed postures, the same in every call, whose tip is the `attempt`-th nearest, as indices (targets,
+        k)."""
         if self._seeds is None:
             seeds = np.random.default_rng(0).uniform(self.lower, self.upper, (_SEEDS, self._k))
             self._seeds = seeds, self._chain.many(seeds.T)[0].T

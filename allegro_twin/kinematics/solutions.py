@@ -128,7 +128,7 @@ class Solutions:
         return finite("near", wanted, *wanted.shape)
 
     def _best_of_one(self, near: Vector | None) -> Best:
-        """The same of one target."""
+        """Best posture for one target, as `best` of many."""
         rows = [
             (angle, q)
             for q, ok, angle in zip(self.position.tolist(), self.within.tolist(), self.angle.tolist(), strict=True)

@@ -47,7 +47,7 @@ class TreeLink(NamedTuple):
     mass: float
     """kg."""
     centre: Array
-    """Of mass, (3,), in the link's frame, m."""
+    """Centre of mass in the link's frame, (3,), m."""
     inertia: Array
     """About the centre of mass, (3, 3), kg·m²."""
 

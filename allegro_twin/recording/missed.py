@@ -1,4 +1,4 @@
-"""What a hand missed to report in a recording: held over a short gap, refused over a long one."""
+"""Missed samples in a recording: held over a short gap, refused over a long one."""
 
 from __future__ import annotations
 

@@ -24,6 +24,7 @@ UNITS = {
     "command_duration": "s", "mouse_force": "N",
 }  # fmt: skip
 _VECTORS = ("position", "velocity", "torque", "temperature", "gravity")
+_ALWAYS = {"t", "tick", *_VECTORS}
 ExtraColumns = Callable[[], Mapping[str, Array]]
 
 
@@ -39,7 +40,7 @@ class Recorder:
     signal may interrupt any line (`recording.arrow_writer`).
 
     Raises RecordingError when the file cannot be made or the disk is full; the message says how many rows are readable
-    then: those of whole batches.
+    then: those of whole batches. Likewise for a row with other columns than the first: `close` keeps those before it.
     """
 
     def __init__(
@@ -57,14 +58,18 @@ class Recorder:
         self._buffers: dict[str, Array] = {}
         self._schema: pa.Schema | None = None
         self._own = isinstance(place, str | Path)
+        self._where = f"{place}: " if self._own else ""
         self._sink: Sink = FileSink(Path(place)) if isinstance(place, str | Path) else place
 
     def add(self, sample: Sample, extras: Mapping[str, Array] | None = None) -> None:
         """Add one row. The first row fixes the columns."""
         state, command = sample
-        told = command_columns(command)
+        further = {**command_columns(command), **(extras or {})}
+        if state.wrench.size:
+            further["wrench"] = state.wrench
         if self._schema is None:
-            self._begin(sample, {**told, **(extras or {})})
+            self._begin(sample, further)
+        self._check(further)
         row, buffers = self._rows - self._done.rows, self._buffers
         buffers["t"][row] = state.t
         buffers["tick"][row] = state.tick
@@ -73,13 +78,8 @@ class Recorder:
         buffers["torque"][row] = state.torque
         buffers["temperature"][row] = state.temperature
         buffers["gravity"][row] = state.gravity
-        if state.wrench.size:
-            buffers["wrench"][row] = state.wrench
-        for key, value in told.items():
+        for key, value in further.items():
             buffers[key][row] = value
-        if extras:
-            for key, value in extras.items():
-                buffers[key][row] = value
         self._rows += 1
         if row + 1 == BATCH:
             self._flush()
@@ -94,12 +94,27 @@ class Recorder:
         self._ended = True
         self._sink.close()
 
-    def _begin(self, sample: Sample, extra: Mapping[str, Array]) -> None:
+    def _check(self, further: Mapping[str, Array]) -> None:
+        """Raises RecordingError unless a row has the columns of the first."""
+        first, wrong = self._buffers, ""
+        if gone := first.keys() - further.keys() - _ALWAYS:
+            wrong = f"has no {', '.join(sorted(gone))}, which the first row has"
+        elif new := further.keys() - first.keys():
+            wrong = f"has {', '.join(sorted(new))}, which the first row has not"
+        else:
+            for name, value in further.items():
+                if np.shape(value) != first[name].shape[1:]:
+                    wrong = f"has {name} of shape {np.shape(value)}, and the first row of {first[name].shape[1:]}"
+        if wrong:
+            raise RecordingError(
+                f"{self._where}row {self._rows + 1} {wrong}; give the same columns in every row, NaN where one is "
+                "unknown"
+            )
+
+    def _begin(self, sample: Sample, further: Mapping[str, Array]) -> None:
         fields = [pa.field("t", pa.float64()), pa.field("tick", pa.int64())]
         self._buffers = {"t": np.empty(BATCH), "tick": np.empty(BATCH, dtype=np.int64)}
-        vectors = {name: getattr(sample.state, name) for name in _VECTORS} | dict(extra)
-        if sample.state.wrench.size:
-            vectors["wrench"] = sample.state.wrench
+        vectors = {name: getattr(sample.state, name) for name in _VECTORS} | dict(further)
         for name, value in vectors.items():
             fields.append(pa.field(name, pa.list_(pa.float64(), len(value))))
             self._buffers[name] = np.empty((BATCH, len(value)))

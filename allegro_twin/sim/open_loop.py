@@ -101,7 +101,7 @@ class DriveParameters:
         return warmth(self.cold_friction, self.warm_up, t)
 
     def changed(self, name: str, joints: list[int], by: float) -> Self:
-        """The same, but for one of them at some joints."""
+        """Copy with one parameter increased by `by` at some joints."""
         values = np.array(getattr(self, name))
         values[joints] += by
         return replace(self, **{name: values})
@@ -186,7 +186,7 @@ class OpenLoopPlayer:
         return found
 
     def finer(self) -> OpenLoopPlayer:
-        """The same at half the time step."""
+        """Player of the same drive at half the time step."""
         return OpenLoopPlayer(
             self.spec, self._period, self.timestep / 2.0, bristly=self.bristly, loose=self.loose,
             parasitic=self.parasitic, warming=self.warming,
@@ -228,7 +228,7 @@ class OpenLoopPlayer:
         return self._late(impulses, delay)  # (steps, which command, n)
 
     def link_torque(self, position: Vector, velocity: Vector, acceleration: Vector, gravity: Vector) -> Vector:
-        """Of the links alone, as they are set, (n,), N·m."""
+        """Torque that moves the links alone, as they are set, (n,), N·m."""
         data = self._scratch
         data.qpos[self.qpos], data.qvel[self.dofs], data.qacc[self.dofs] = position, velocity, acceleration
         self._model.opt.gravity[:] = gravity
@@ -358,8 +358,8 @@ class OpenLoopPlayer:
 
 
 _STIFF = 0.999
-"""Of dry friction: with it a joint creeps as little as with the two noslip iterations of a scene, at half their cost
-(0.3 mrad apart after 0.3 s without either; 0.01 with either; docs/explanation/identification.md)."""
+"""Impedance of dry friction: with it a joint creeps as little as with the two noslip iterations of a scene, at half
+their cost (docs/results/identification.md)."""
 _SLIDES = 0.15
 """rad/s. Ours: at this speed bristles of 2 mrad are bent anew in 13 ms."""
 _NOTHING = 1e-9  # kg: a body without mass cannot be given one later.

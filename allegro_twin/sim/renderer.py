@@ -1,4 +1,4 @@
-"""How MuJoCo renders on this computer: its choice at import, by the environment variable MUJOCO_GL."""
+"""Rendering backend of MuJoCo on this computer, chosen at import by the environment variable MUJOCO_GL."""
 
 from __future__ import annotations
 

@@ -175,7 +175,8 @@ class HandSpec:
         return found
 
     def coupled_each(self, motors: Array) -> Array:
-        """The same where each had a motor to itself, at `motors`, (..., followers) → (..., followers)."""
+        """Positions of coupled joints if each had a motor of its own, with the motors at `motors`, (..., followers) →
+        (..., followers)."""
         found = np.empty(motors.shape)
         for way in _ways(self):
             found[..., way.places] = way.each(motors[..., way.places])
@@ -253,7 +254,7 @@ class HandSpec:
                               f"{self.coarsest_step:g} s: leave it out, or take 0.001")  # fmt: skip
 
     def mirror_posture(self, position: Array) -> Array:
-        """The same posture on the hand of the other side, shape (..., n), rad."""
+        """Mirror image of a posture, for the hand of the other side, (..., n), rad."""
         other = np.array(position, dtype=np.float64)
         other[..., list(self.mirror_flips)] *= -1.0
         return other

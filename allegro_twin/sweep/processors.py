@@ -1,4 +1,4 @@
-"""How many processors this program may use: those that it is bound to, as by `taskset` or a scheduler of jobs."""
+"""Processor count available to this program, as bound by `taskset` or a job scheduler."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is drawn into a picture and is not there: where something should be."""
+"""Overlays: marks drawn into a picture where something should be."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where every link of a hand is, by its own bodies: ours from the table of facts, others as their model says."""
+"""Skeleton of a hand: poses of its links, from the table of facts for our hands, from the model for others."""
 
 from __future__ import annotations
 

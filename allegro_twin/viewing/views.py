@@ -1,4 +1,4 @@
-"""Where one looks from, and how large a picture is: the same names for films, stills and Rerun."""
+"""Views: camera directions and picture sizes, the same names for films, stills and Rerun."""
 
 from __future__ import annotations
 

@@ -20,8 +20,10 @@ from allegro_twin.files.schema import parse_settings
 from allegro_twin.learning.mpc.controller import MpcController
 from allegro_twin.learning.mpc.settings import MpcSettings, planner_settings
 from allegro_twin.learning.tasks.scenes import THING
+from allegro_twin.recording.reader import load
 from allegro_twin.sim.settings import SimSettings
 from allegro_twin.viewing import camera
+from allegro_twin.viewing.scenery import scenery
 
 TINY = {"method": "predictive", "samples": 4, "iterations": 1, "horizon": 0.12, "hold": 0.0, "knots": 2, "stride": 2}
 SIM: dict[str, Any] = {"kind": "sim"}
@@ -82,6 +84,30 @@ def test_a_config_without_settings_has_those_of_its_task_and_time(time: str, mon
     ship = {each: planner_settings("Rotate", real_time=each == "real") for each in ("lockstep", "real")}
     assert seen == [ship[time]]
     assert ship["real"] != ship["lockstep"]
+
+
+@pytest.mark.parametrize("backend", [SIM, BUS], ids=["sim", "v4"])
+def test_a_recording_of_an_episode_shows_its_object_and_its_goal(backend: Any, tmp_path: Path) -> None:
+    scene = {"objects": ["cube"], "goals": "yaw", "decimation": 20, "timestep": 0.003}
+    chosen = config(backend, {"episode": {"task": "Reorient", "environment": scene}})
+    rows: list[np.ndarray] = []
+    made = assemble(chosen)
+    assert made.episode is not None
+    task, read = made.episode.engine.task, made.episode._state
+    made.episode._state = lambda: (rows.append(task.thing.pose[0].copy()), read())[1]  # type: ignore[method-assign, union-attr, func-returns-value]
+    kept = perform(made, chosen, Outputs(record=tmp_path / "kept.arrow", rrd=tmp_path / "kept.rrd"))
+    bare = perform(assemble(chosen), chosen, Outputs())
+    np.testing.assert_array_equal(kept.last.position, bare.last.position)
+    recording = load(tmp_path / "kept.arrow")
+    np.testing.assert_array_equal(recording.columns["object"], rows[-len(recording) :])
+    assert len(recording) > 90
+    goal = task.goal()
+    assert goal is not None
+    np.testing.assert_allclose(recording.columns["object_goal"][:, 3:], np.tile(goal[0], (len(recording), 1)))
+    seen = scenery(recording.spec, recording.meta)
+    assert list(seen.objects) == [THING]
+    assert seen.palm == pytest.approx(recording.columns["palm"][0], abs=1e-6)
+    assert (tmp_path / "kept.rrd").read_bytes().count(b"world/goals/object") > 0
 
 
 def test_an_episode_that_is_lost_ends_the_run() -> None:

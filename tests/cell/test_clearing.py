@@ -10,7 +10,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin.cell.actions import CellActions
+from allegro_twin.cell.actions.cell_actions import CellActions
+from allegro_twin.cell.actions.cell_pictures import without_tray
 from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.camera.camera import CameraFrame
 from allegro_twin.cell.camera.intrinsics import Cloud
@@ -106,7 +107,7 @@ def test_what_has_no_way_to_the_tray_is_put_back_where_it_stood_and_the_run_goes
     def no_way(*_: object) -> ReleasePath:
         raise ConfigError("fer does not get to the tray")
 
-    monkeypatch.setattr("allegro_twin.cell.actions.release_path", no_way)
+    monkeypatch.setattr("allegro_twin.cell.actions.cell_actions.release_path", no_way)
     cell = cell_of(tray=TRAY.model_dump(), objects=[{"name": "foam_brick", "at": [0.0, 0.0]}])
     before = cell.robot.thing("foam_brick").position
     report = perform(cell)
@@ -171,7 +172,7 @@ def test_fingers_tell_a_grasp_that_rests_far_from_where_it_would_close_on_nothin
 @pytest.mark.slow
 def test_what_meets_something_above_the_tray_is_let_go_there_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     nobody_sees = np.zeros((0, 3))
-    monkeypatch.setattr("allegro_twin.cell.actions.points_in_tray", lambda *_: nobody_sees)
+    monkeypatch.setattr("allegro_twin.cell.actions.cell_pictures.points_in_tray", lambda *_: nobody_sees)
     cell = cell_of(
         tray=TRAY.model_dump(),
         objects=[
@@ -204,12 +205,13 @@ def test_what_meets_something_where_it_comes_down_has_arrived_and_is_led_away_fr
     cell = cell_of(tray=TRAY.model_dump())
     work, state = CellActions(cell), cell.arm.reset()
     reflex = CellOutcome("fault", "cartesian_reflex", "the force on the flange of fer along z is 41 N")
-    work._down = cell.robot.model.pose(state.position)
+    work.motion.set_touchdown(cell.robot.palm(state))
     for left, place, met in (([], "ToReleasePose", None), ([], "PutBack", None), ([state.position], "PutBack", reflex)):
-        work._reflex, work._left = reflex, list(left)
+        work._reflex, work.motion.ahead = reflex, list(left)
         seen = work.observe(MachineState(place, 0.0), state)  # type: ignore[arg-type]
         assert (seen.done, seen.reflex) == (met is None, met)
-    work._reflex, work._left, work._down = reflex, [], cell.robot.flange_for(cell.security)
+    work._reflex, work.motion.ahead = reflex, []
+    work.motion.set_touchdown(cell.security)
     aside = replace(state, position=state.position + np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
     assert work.observe(MachineState("PutBack", 0.0), aside).reflex == reflex
 
@@ -263,7 +265,7 @@ def looked(cell: Cell) -> tuple[CameraFrame, Cloud, list[Detection | PerceptionR
     cell.arm.reset(), cell.hand.reset()
     frame = cell.camera.capture(cell.robot.world.data)
     alone = cell.self_filter.remove_robot(frame.cloud, cell.posture, cell.open)
-    cloud = CellActions(cell)._without_tray(frame.cloud, frame)
+    cloud = without_tray(frame.cloud, frame, cell)
     return frame, alone, cell.pipeline.detect_all(cloud, frame.pose.position, frame.pose.rotation)
 
 

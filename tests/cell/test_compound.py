@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin.cell.actions import CellActions
+from allegro_twin.cell.actions.cell_pictures import without_tray
 from allegro_twin.cell.checks.camera_check import lifted_part
 from allegro_twin.cell.perception.errors import PerceptionRefusal
 from allegro_twin.cell.perception.fits.model import Solid
@@ -182,7 +182,7 @@ def test_the_part_of_a_compound_that_is_gone_alone_was_an_object_of_its_own(lift
         cell.robot.world.data.qpos[place + 1] += 2.0
         mujoco.mj_forward(cell.robot.world.model, cell.robot.world.data)
     frame = cell.camera.capture(cell.robot.world.data)
-    cloud = CellActions(cell)._without_tray(frame.cloud, frame)
+    cloud = without_tray(frame.cloud, frame, cell)
     same = (cell.security, cell.security)
     part = lifted_part(frame, cloud, before, np.empty((0, 3)), same, 0.15, cell.settings.perception)
     cell.close()

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from allegro_twin.cell.actions import CellActions
+from allegro_twin.cell.actions.cell_actions import CellActions
 from allegro_twin.cell.assembly import make_cell
 from allegro_twin.cell.camera.camera import CameraFrame
 from allegro_twin.cell.camera.settings import RecordingSource

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from allegro_twin.cell.actions import CellActions
+from allegro_twin.cell.actions.cell_actions import CellActions
 from allegro_twin.cell.arm.faults import SilentBackend
 from allegro_twin.cell.assembly import Cell, make_cell
 from allegro_twin.cell.camera.camera import DepthCamera
@@ -18,8 +18,10 @@ from allegro_twin.cell.journal.observers import Observers, StatePictures
 from allegro_twin.cell.run import LabReport, perform
 from allegro_twin.cell.settings import LabSettings
 from allegro_twin.cell.states import MachineState
+from allegro_twin.errors import HandFault
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load_settings
+from allegro_twin.types import HandState
 
 SETTINGS = load_settings(LabSettings, data_root() / "conf" / "lab_allegro.yaml")
 
@@ -148,6 +150,21 @@ def test_a_hand_that_falls_silent_is_named_and_the_arm_stands_still(at: float) -
     report = perform(replace(cell, hand=SilentBackend(cell.hand, at)))
     assert str(report.end) == "fault: hand silent"
     assert still(cell)
+
+
+@pytest.mark.parametrize("which", ["arm", "hand"])
+def test_a_device_that_stops_is_named_whatever_its_error_says(which: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    cell = cell_of()
+    device, other = (cell.arm, cell.hand) if which == "arm" else (cell.hand, cell.arm)
+    read = device.read
+
+    def stop() -> HandState:
+        if (state := read()).t >= 0.3:
+            raise HandFault(f"the simulation diverged at 0.300 s, beside {other.spec.name} and {other.spec.joints[0]}")
+        return state
+
+    monkeypatch.setattr(device, "read", stop)
+    assert str(perform(cell).end) == f"fault: {which} stopped"
 
 
 @pytest.mark.slow

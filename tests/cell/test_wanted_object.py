@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.cell.actions import CellActions
+from allegro_twin.cell.actions.cell_actions import CellActions
 from allegro_twin.cell.assembly import Cell, make_cell
 from allegro_twin.cell.perception.pipeline import Detection
 from allegro_twin.cell.planning.wanted_object import resting_extents, unlikeness, wanted_first
@@ -62,8 +62,7 @@ def test_the_cell_looks_for_what_was_asked_for(
     heard: list[Any] = []
     work = CellActions(cell if wanted else replace(cell, wanted=None))
     work.on_detection = lambda frame, seen: heard.append(seen)
-    monkeypatch.setattr(work, "_take", lambda chosen: None)
-    monkeypatch.setattr(work._selector, "first", lambda seen, frame, alone: None)
+    monkeypatch.setattr(work.selector, "first", lambda seen, frame, alone: None)
     state = cell.arm.reset()
     work.observe(MachineState("Look", 0.0), state)
     work.observe(MachineState("Look", 0.0), replace(state, t=state.t + 0.5))

@@ -314,7 +314,10 @@ def test_what_stops_before_any_push_stops_for_all_of_them(bench: TrialRunner) ->
     found = list(slow.verdicts(case.directions()))
     assert len({verdict.stopped for verdict in found}) == 1
     assert "rad/s" in found[0].stopped
-    assert found[0].stopped == next(slow.verdicts(case.directions()[5:])).stopped
+    (alone,) = slow.verdicts(case.directions()[5:])
+    assert found[0].stopped == alone.stopped
+    assert all(verdict.too_fast for verdict in (*found, alone))
+    assert not next(bench.verdicts(case.directions()[5:])).too_fast
 
 
 def test_in_haste_the_first_push_that_takes_an_object_away_ends_the_others(

@@ -28,7 +28,7 @@ from allegro_twin.recording.reader import load, load_cell
 from allegro_twin.recording.recorder import BATCH, Recorder
 from allegro_twin.recording.replay import ReplayBackend, replay_samples
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Sample, TorqueCommand
+from allegro_twin.types import Array, PositionCommand, Sample, TorqueCommand
 from tests.full_disk import full_disk
 from tests.test_safety import state
 
@@ -247,6 +247,43 @@ def test_a_full_disk_without_a_whole_batch_of_any_track_says_so(tmp_path: Path, 
         for tick in range(BATCH):
             hand.add(sample(tick))
     assert load_cell(path, partial=True).devices == ()
+
+
+@pytest.mark.parametrize("at", [1, BATCH + 50])
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"palm": np.zeros(7)}, "has no force, which the first row has"),
+        ({}, "has no force, palm, which the first row has"),
+        ({"palm": np.zeros(7), "force": np.zeros(3), "slip": np.zeros(1)}, "has slip, which the first row has not"),
+        ({"palm": np.zeros(6), "force": np.zeros(3)}, r"has palm of shape \(6,\), and the first row of \(7,\)"),
+        ({"palm": np.zeros(7), "force": np.zeros(1)}, r"has force of shape \(1,\), and the first row of \(3,\)"),
+    ],
+)
+def test_a_row_with_other_extra_columns_than_the_first_is_named_and_the_rows_before_it_are_kept(
+    changed: dict[str, Array], message: str, at: int, tmp_path: Path, spec: HandSpec
+) -> None:
+    path, rows = tmp_path / "r.arrow", 0
+
+    def extras() -> dict[str, Array]:
+        return {"palm": np.full(7, rows), "force": np.ones(3)} if rows < at else changed
+
+    said = rf"r\.arrow: row {at + 1} {message}; give the same columns in every row"
+    with pytest.raises(RecordingError, match=said):
+        for _ in recorder_module.record(map(sample, range(300)), path, spec, 0.003, extras=extras):
+            rows += 1
+    recording = load(path)
+    assert (len(recording), recording.complete) == (at, True)
+    np.testing.assert_array_equal(recording.columns["palm"][:, 0], np.arange(at))
+
+
+def test_a_command_of_another_kind_than_the_first_is_named(tmp_path: Path, spec: HandSpec) -> None:
+    recorder = Recorder(tmp_path / "r.arrow", spec, 0.003)
+    recorder.add(sample(0))
+    with pytest.raises(RecordingError, match="row 2 has no command_torque, which the first row has"):
+        recorder.add(Sample(state(1), PositionCommand(np.zeros(16))))
+    recorder.close()
+    assert len(load(tmp_path / "r.arrow")) == 1
 
 
 def test_a_place_may_be_a_text(tmp_path: Path, spec: HandSpec) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Literal
 
+import can
 import numpy as np
 import pytest
 
@@ -23,6 +25,8 @@ class TheirSettings(plugins.BackendSettings):
     imu: bool = True
     ends: Literal["", "ctrl-c", "silent"] = ""
     """What happens after 1.5 s."""
+    frames: bool = False
+    """Whether it is on a bus of its own, with a frame each period."""
 
 
 class TheirHand:
@@ -31,6 +35,7 @@ class TheirHand:
     def __init__(self, settings: TheirSettings, context: plugins.BackendContext) -> None:
         self._sim: HandBackend = context.simulate(None, context.spec(version="v4"), context.period)
         self._imu, self._ends = settings.imu, settings.ends
+        self._frames, self._logs = settings.frames, list[Callable[[can.Message], None]]()
         self.calibration: dict[str, Any] = CALIBRATION if settings.counts else {}
 
     @property
@@ -49,9 +54,15 @@ class TheirHand:
 
     def read(self) -> HandState:
         state = self._told(self._sim.read())
+        for log in self._logs:
+            log(can.Message(timestamp=state.t, arbitration_id=0x123, data=[state.tick % 256], is_extended_id=False))
         if self._ends and state.t > 1.5:
             raise KeyboardInterrupt if self._ends == "ctrl-c" else LinkError("the bus is down")
         return state
+
+    def listen(self, log: Callable[[can.Message], None]) -> bool:
+        self._logs += [log] if self._frames else []
+        return self._frames
 
     def close(self) -> None:
         self._sim.close()

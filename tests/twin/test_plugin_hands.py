@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import can
 import numpy as np
 import pytest
 
@@ -50,6 +51,18 @@ def test_a_hand_of_a_package_is_mirrored(config: Path, tmp_path: Path, command: 
     assert (code, "Nothing touched it." in again) == (0, True), errors
     with Hand.open(load_config(config)) as hand:
         assert hand.mirror.contacts == ()
+
+
+def test_the_bus_of_a_hand_of_a_package_is_logged_where_it_has_one(config: Path, tmp_path: Path, command: Run) -> None:
+    code, _, errors = command("run", config, "--wire-log", tmp_path / "x.log")
+    assert (code, "only a hand on a CAN bus has frames to log, and a theirs hand has none" in errors) == (2, True)
+    assert not (tmp_path / "x.log").exists()
+    config.write_text(config.read_text().replace("kind: theirs", "kind: theirs, frames: true"))
+    code, _, errors = command("run", config, "--wire-log", tmp_path / "x.log", "--record", tmp_path / "x.arrow")
+    assert code == 0, errors
+    with can.LogReader(tmp_path / "x.log") as frames:
+        ticks = [frame.data[0] for frame in frames]
+    assert ticks == [tick % 256 for tick in range(1, len(load(tmp_path / "x.arrow")))]
 
 
 def test_a_hand_that_does_not_say_what_its_torques_are_is_told_what_is_missing(

@@ -1,12 +1,13 @@
 """An arm with a hand on its flange at a table: one simulation, two backends with one clock.
 
 ```python
-can = Placement(named("tomato_soup_can"), (0.0, 0.0, 0.0505), (1, 0, 0, 0))
-cell = make_cell(arm, hand_spec, things=[can])
-target = Target(cell.model.pose(cell.arm.reset().position))
-for turn, sample in together((run(cell.arm, Impedance(cell.model, target)), cell.arm.period),
-                             (run(cell.hand, PD(...)), cell.hand.period)):
-    ...  # `target.move(robot.flange_for(palm))`, whenever somebody decides
+can = PlacedObject(load_object("tomato_soup_can"), (0.0, 0.0, 0.0505), (1, 0, 0, 0))
+cell = make_arm_with_hand("fer", hand_spec, things=[can])
+target = CartesianTarget(cell.model.pose(cell.spec.ready))
+arm = run(cell.arm, Impedance(cell.model, target, Stiffness(400.0, 30.0), compensation=cell.compensation))
+hand = run(cell.hand, PositionControl(Hold(hand_spec.rest)))
+for turn, sample in interleave((arm, cell.arm.period), (hand, cell.hand.period)):
+    ...  # `target.move(cell.flange_for(palm))` moves the palm, at any time
 ```
 """
 
@@ -39,7 +40,8 @@ from allegro_twin.spec.arm import ArmSpec
 from allegro_twin.types import HandState, Vector
 
 BASE = (-0.55, 0.0, 0.0)
-"""Of the arm, m: at the edge of the table, whose top is at z = 0 and reaches 0.45 m from the middle."""
+"""Default position of the arm's base, world, m: at the edge of the table, whose top is at z = 0 and reaches 0.45 m from
+the middle."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,30 +56,31 @@ class ArmWithHand:
     hand_sim: SimBackend
     mount: HandMount
     model: ArmModel
-    """Of the flange, in the base's frame."""
+    """Kinematics and dynamics of the flange, in the base's frame."""
     compensation: WrenchCompensation
     base: Pose
-    """Of the arm, in the world."""
+    """Pose of the arm's base in the world."""
     limits: Limits
-    """Of the arm's guard."""
+    """Limits of the arm's guard."""
     reflex: ContactReflex | None = None
     """Stops the arm where it meets something; None: nothing does."""
 
     @property
     def spec(self) -> ArmSpec:
-        """Of the arm."""
+        """Spec of the arm."""
         return self.model.spec
 
     def flange(self, state: HandState) -> Pose:
-        """Where the arm's encoders say that the flange is, in the world."""
+        """Pose of the flange in the world, by the arm's encoders."""
         return compose(self.base, self.model.pose(state.position))
 
     def palm(self, state: HandState) -> Pose:
-        """Likewise the palm."""
+        """Pose of the palm in the world, by the arm's encoders."""
         return compose(self.flange(state), self._palm())
 
     def camera(self, state: HandState) -> Pose:
-        """Likewise the optical frame of the wrist's camera: z ahead, x to the right of its picture, y down."""
+        """Pose of the wrist camera's optical frame in the world, by the arm's encoders: z ahead, x to the right of its
+        picture, y down."""
         mount = self.mount
         return compose(self.flange(state), Pose(mount.camera_position, matrix_from_quaternion(mount.camera_quaternion)))
 

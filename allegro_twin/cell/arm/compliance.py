@@ -49,7 +49,7 @@ class Pull:
     """D, s."""
     scale: float = 0.5
     iterations: int = 1
-    """Of a cycle: more are faster."""
+    """Iterations of the virtual arm in a cycle: more are faster."""
 
 
 _PULL = Pull()

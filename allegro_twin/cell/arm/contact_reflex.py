@@ -44,8 +44,8 @@ _RESTS = 0.02  # rad/s.
 _SETTLES = 0.5  # s. OWN: so long at most an arm that is recovered brakes on.
 _YIELDS = 0.1  # s. OWN: as long as an impact and its rebound take.
 _BRAKE, _STIFFNESS, _DAMPING = 3.0, 7.0, 0.6
-"""Of an arm that stops and then holds, in its torque limits: N·m·s/rad, N·m/rad and N·m·s/rad a N·m. OWN: how the real
-one's control brakes is not published."""
+"""Gains of an arm that brakes and then holds, per N·m of torque limit: N·m·s/rad, N·m/rad and N·m·s/rad. OWN: how the
+real one's control brakes is not published."""
 _SINGULAR = 4e-4
 """Added to J Jᵀ, m² and rad². OWN: near a singular posture the rest of friction must not look like a force."""
 _AXES = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -75,7 +75,8 @@ class CollisionSettings(Settings):
     lower_force_thresholds_nominal: Forces = (10.0,) * 6
     upper_force_thresholds_nominal: Forces = (10.0,) * 6
     cutoff: Positive = 100.0
-    """Of the estimated torques, Hz. libfranka, `setFilters`: the arm's own filters are 100 Hz by default."""
+    """Cutoff of the filter on estimated torques, Hz. libfranka, `setFilters`: the arm's own filters are 100 Hz by
+    default."""
 
     @model_validator(mode="after")
     def _ordered(self) -> CollisionSettings:
@@ -142,7 +143,7 @@ class ContactState(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Thresholds:
-    """Of one phase."""
+    """Collision thresholds of one phase of the motion."""
 
     lower: Vector
     """(n + 6,): joints, then axes."""
@@ -210,7 +211,7 @@ class CollisionMonitor:
 
     @property
     def state(self) -> ContactState:
-        """Of the last step."""
+        """Contact state of the last step."""
         n, contact = self._n, (np.abs(self._felt) > self._phases[self._accelerating].lower).astype(np.float64)
         return ContactState(
             contact[:n], self._collided[:n], contact[n:], self._collided[n:], self._felt[:n], self._felt[n:],

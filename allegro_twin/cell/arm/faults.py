@@ -1,4 +1,4 @@
-"""What goes wrong with a simulated arm: backends in front of a backend, for rehearsals and tests."""
+"""Faults of a simulated arm: backends in front of a backend, for rehearsals and tests."""
 
 from __future__ import annotations
 

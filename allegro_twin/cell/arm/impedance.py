@@ -35,7 +35,7 @@ _SMOOTHED = 0.05  # s. Time constant of w̄.
 
 @dataclass(frozen=True, slots=True)
 class Stiffness:
-    """Of the spring, the same along all axes of the base."""
+    """Stiffness of the Cartesian spring, the same along all axes of the base."""
 
     linear: float = 200.0
     """N/m. franka_ros, compliance_param.cfg."""

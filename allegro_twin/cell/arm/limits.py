@@ -1,4 +1,4 @@
-"""What an arm may do: the guard's limits for it, and when it is at the end of a joint."""
+"""Limits of an arm: those of its guard, and the test whether a joint is at its end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where an arm's tool is to be: a goal that somebody moves, and the set-point that follows it as fast as it may."""
+"""Cartesian target of an arm's tool: a goal that may move, and the set-point that follows it at limited speed."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ class Smoothing:
     turning: float = 1.0
     """At most, rad/s."""
     share: float = 0.005
-    """Of what is left, in a millisecond: a time constant of 0.2 s. franka_ros, filter_params."""
+    """Share of the remaining distance that the set-point moves in a millisecond: a time constant of 0.2 s. franka_ros,
+    filter_params."""
 
 
 SMOOTH = Smoothing()

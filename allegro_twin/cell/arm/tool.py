@@ -33,7 +33,8 @@ class WrenchCompensation:
         return wrench - tool_weight(self.load, axes, gravity) - self.bias
 
     def base_wrench(self, wrench: Vector, axes: Array, gravity: Vector, at: Vector) -> Vector:
-        """The same in the axes of the base, about a point `at` of the flange's frame, (3,), m."""
+        """External wrench on the tool in the axes of the base, about a point `at` of the flange's frame, (3,), m: (6,),
+        N and N·m."""
         felt = self.flange_wrench(wrench, axes, gravity)
         force = felt[:3]
         return np.concatenate([axes @ force, axes @ (felt[3:] - cross(at, force))])
@@ -52,7 +53,7 @@ class IdentifiedTool(NamedTuple):
     bias: Vector
     """(6,), N and N·m."""
     residual: float
-    """Of the force, root mean square, N."""
+    """Residual of the force, root mean square, N."""
 
 
 def tool_weight(load: Load, axes: Array, gravity: Vector) -> Vector:

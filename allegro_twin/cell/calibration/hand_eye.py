@@ -39,8 +39,9 @@ from allegro_twin.types import Array, Vector
 FEWEST = 6
 """Pictures. With fewer, leaving one out says little about the error."""
 LEAST_TURN = np.radians(8.0)
-"""Of the pictures against each other, about the second of their axes, root mean square: with less the position along
-the first axis is hardly determined. OWN: at 8° the error is some three times that of a set that turns by 30°."""
+"""Least rotation of the pictures against each other about the second of their axes, root mean square, rad: with less
+the position along the first axis is hardly determined. OWN: at 8° the error is some three times that of a set that
+turns by 30°."""
 MOST = 3.0
 """Pixels, root mean square. Beyond it arm and pictures do not belong together."""
 _OUTLIER, _SLIGHT = 5.0, 1.0  # Times the median of the other pictures, and pixels: one that disagrees alone,
@@ -98,17 +99,17 @@ class HandEyeCalibration:
     position_deviation: float
     """Standard deviation of the camera's position, m: root of the sum over three axes."""
     rotation_deviation: float
-    """Likewise of its orientation, rad."""
+    """Standard deviation of the camera's orientation, rad: root of the sum over three axes."""
     arm_position: float
     """How far the arm's poses are off by the pictures, standard deviation along each axis, m."""
     arm_rotation: float
-    """Likewise about each axis, rad."""
+    """Standard deviation of the arm's orientations by the pictures, about each axis, rad."""
     residual: float
     """Between corners as they were seen and as they are to be, root mean square, pixels."""
     held_out: float
-    """The same, of each picture by the others alone."""
+    """Reprojection error of each picture by a calibration from the others alone, root mean square, pixels."""
     turn: float
-    """Of the pictures against each other about the second of their axes, root mean square, rad."""
+    """Rotation of the pictures against each other about the second of their axes, root mean square, rad."""
     views: tuple[tuple[str, float], ...]
     """Each picture, and its root mean square, pixels."""
     contradicted: tuple[StatedLengthError, ...] = ()
@@ -122,7 +123,7 @@ class HandEyeCalibration:
 
     @property
     def rotation_error(self) -> float:
-        """Likewise its orientation, rad."""
+        """Bound of the error of the camera's orientation, rad, at 95 %."""
         turned = [
             float(np.linalg.norm(_vector(self.camera.rotation.T @ each.camera.rotation))) for each in self.contradicted
         ]
@@ -133,15 +134,15 @@ class _Problem(NamedTuple):
     """All pictures, as arrays over them."""
 
     rotation: Array
-    """Of B, (n, 3, 3)."""
+    """Rotations B, (n, 3, 3)."""
     position: Array
-    """Of B, (n, 3), m."""
+    """Positions of B, (n, 3), m."""
     seen_rotation: Array
-    """Of C, (n, 3, 3)."""
+    """Rotations C, (n, 3, 3)."""
     seen_position: Array
-    """Of C, (n, 3), m."""
+    """Positions of C, (n, 3), m."""
     covariance: Array
-    """Of C by the corners, (n, 6, 6): position, m, and rotation vector, rad, in the axes of the pattern."""
+    """Covariance of C by the corners, (n, 6, 6): position, m, and rotation vector, rad, in the axes of the pattern."""
 
     def part(self, kept: NDArray[np.bool_]) -> _Problem:
         """Some of the pictures."""
@@ -248,7 +249,7 @@ def _check(
 
 
 def _second_turn(moved: Sequence[Pose]) -> float:
-    """Of all pairs of poses, the root mean square turn about the second of the three main axes, rad."""
+    """Root mean square rotation of all pairs of poses about the second of the three main axes, rad."""
     turns = np.array(
         [
             _vector(one.rotation @ other.rotation.T)
@@ -291,7 +292,7 @@ class _Seen(NamedTuple):
 
     pose: Pose
     information: Array
-    """Of the pose by the corners, (6, 6), for an error of one pixel."""
+    """Information matrix of the pose by the corners, (6, 6), for an error of one pixel."""
     squares: float
     """Sum of the squared errors of the corners, pixels²."""
 
@@ -327,7 +328,7 @@ def _freedom(views: Sequence[PatternView]) -> int:
 
 
 def _variance(seen: Sequence[_Seen], views: Sequence[PatternView]) -> float:
-    """Of a corner along each axis, pixels², by each picture alone."""
+    """Variance of a corner along each axis, pixels², by each picture alone."""
     return max(sum(each.squares for each in seen) / _freedom(views), _EXACT**2)
 
 

@@ -19,7 +19,7 @@ from allegro_twin.types import Array
 Grey = NDArray[np.uint8]
 """Brightness, (rows, columns)."""
 FEWEST_CORNERS = 8
-"""Of a ChArUco pattern that have to be seen; of a checkerboard all."""
+"""Fewest corners of a ChArUco pattern that must be visible; of a checkerboard all must be."""
 _MARGIN = 0.5  # Of a square, white, around the pattern: what detectors need to find its edge.
 _DICTIONARY = "DICT_4X4_50"  # Its markers have the largest cells: found from furthest.
 
@@ -37,7 +37,7 @@ class PatternSettings(Settings):
     marker: Positive = 0.026
     """Edge of a ChArUco marker, m."""
     dictionary: str = _DICTIONARY
-    """Of ChArUco markers, by OpenCV's name."""
+    """Dictionary of ChArUco markers, by OpenCV's name."""
 
     @model_validator(mode="after")
     def _whole(self) -> PatternSettings:
@@ -52,7 +52,7 @@ class PatternSettings(Settings):
 
     @property
     def size(self) -> tuple[float, float]:
-        """Of the squares, along x and y, m."""
+        """Size of the squares together, along x and y, m."""
         return self.columns * self.square, self.rows * self.square
 
     @property
@@ -85,7 +85,7 @@ def draw_pattern(pattern: PatternSettings, square: int) -> Grey:
 
 
 def printed_size(pattern: PatternSettings) -> tuple[float, float]:
-    """Of the picture that `draw_pattern` makes, margins included, along x and y, m."""
+    """Size of the picture that `draw_pattern` makes, margins included, along x and y, m."""
     return tuple(edge + 2 * _MARGIN * pattern.square for edge in pattern.size)  # type: ignore[return-value]  # Two.
 
 
@@ -127,7 +127,8 @@ def _charuco_corners(picture: Grey, pattern: PatternSettings) -> tuple[Array, Ar
 
 
 def _checkerboard(picture: Grey, pattern: PatternSettings) -> tuple[Array, Array] | None:
-    """Likewise, of a checkerboard; it begins at the corner whose outer square is black."""
+    """Corners of a checkerboard in the pattern, (k, 3), m, and in the picture, (k, 2), pixels; it begins at the corner
+    whose outer square is black."""
     cv2, columns, rows = opencv(), pattern.columns - 1, pattern.rows - 1
     there, corners = cv2.findChessboardCornersSB(picture, (columns, rows), flags=cv2.CALIB_CB_ACCURACY)
     if not there:

@@ -110,7 +110,7 @@ class FolderCalibration(NamedTuple):
     """What came of a folder."""
 
     found: HandEyeCalibration
-    """Of the camera that took the pictures."""
+    """Calibration of the camera that took the pictures."""
     camera: Pose
     """The depth camera, in the same frame."""
     unseen: tuple[str, ...]

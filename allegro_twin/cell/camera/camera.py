@@ -34,7 +34,7 @@ class CameraFrame:
     colour: NDArray[np.uint8] | None
     """(rows, columns, RGB) of the colour camera, which stands beside; None where none was asked for."""
     lens: Intrinsics
-    """Of `depth`."""
+    """Intrinsics of `depth`."""
     pose: CameraPose
     """In the world when it was taken, which on a moving wrist is not where the camera is now."""
 
@@ -49,7 +49,7 @@ class CellCamera(Protocol):
 
     @property
     def lens(self) -> Intrinsics:
-        """Of its depth pictures."""
+        """Intrinsics of its depth pictures."""
 
     def capture(self, data: mujoco.MjData) -> CameraFrame:
         """The newest picture, on the clock of the scene and from where the camera stands in it; one that is no longer
@@ -80,7 +80,7 @@ class DepthCamera:
 
     @property
     def lens(self) -> Intrinsics:
-        """Of its depth pictures."""
+        """Intrinsics of its depth pictures."""
         return self._lens
 
     @property

@@ -1,4 +1,4 @@
-"""Where in a picture a point ahead of the camera falls, and the way back; the D435i's own numbers."""
+"""Camera intrinsics: projection of points to pixels and back, with the values of the D435i."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ D435I_DEPTH = {
 }
 """One unit's, by resolution (realsense-ros #2788, librealsense #4050); its distortion is zero."""
 D435I_COLOUR = Intrinsics(640, 480, 612.4, 610.6, 314.3, 237.8)
-"""The same unit's."""
+"""Intrinsics of the same D435i's colour pictures, 640 × 480."""
 D435I_BASELINE = 0.050
 """Between the two imagers, m (datasheet)."""
 D435I_COLOUR_AT = (0.015, 0.0, 0.0)

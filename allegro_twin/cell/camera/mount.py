@@ -1,4 +1,4 @@
-"""What a camera is screwed to: a body or a site of the scene, or the world; and how it stands there."""
+"""Camera mount: the body or site of the scene, or the world, that a camera is fixed to, and its pose there."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class CameraMount(Settings):
     body: str | None = None
     site: str | None = None
     position: Vector3
-    """Of the left imager, m."""
+    """Position of the left imager, m."""
     quaternion: tuple[float, float, float, float] | None = None
     """w, x, y, z: the camera's axes (x right, y down, z ahead) in the frame that it stands in; as calibrations say."""
     towards: Vector3 | None = None

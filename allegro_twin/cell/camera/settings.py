@@ -1,4 +1,4 @@
-"""What a camera's YAML says (conf/cameras/*.yaml)."""
+"""Settings of a camera (conf/cameras/*.yaml)."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class DepthCameraSettings(Settings):
 
     @property
     def intrinsics(self) -> Intrinsics:
-        """Of the depth picture."""
+        """Intrinsics of the depth picture."""
         return D435I_DEPTH[self.resolution]
 
     @property

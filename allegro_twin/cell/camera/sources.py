@@ -45,7 +45,7 @@ class RealSenseCamera:
 
     @property
     def lens(self) -> Intrinsics:
-        """Of its depth pictures."""
+        """Intrinsics of its depth pictures."""
         return self._lens
 
     def capture(self, data: mujoco.MjData) -> CameraFrame:
@@ -84,7 +84,7 @@ class RecordedCamera:
 
     @property
     def lens(self) -> Intrinsics:
-        """Of its depth pictures."""
+        """Intrinsics of its depth pictures."""
         return self._lens
 
     def capture(self, data: mujoco.MjData) -> CameraFrame:

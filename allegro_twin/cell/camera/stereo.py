@@ -1,4 +1,4 @@
-"""What a pair of imagers makes of exact depth: all errors arise where they do in such a camera, in the disparity.
+"""Stereo camera model: noise of a pair of imagers, added to exact depth where it arises, in the disparity.
 
 Disparity is d = f·B/Z, pixels. docs/reference/camera.md has every term with its source.
 """
@@ -85,7 +85,7 @@ def smeared(shape: tuple[int, ...], patch: int, draws: np.random.Generator) -> I
 
 
 def _edges(disparity: Image, part: float, draws: np.random.Generator) -> Mask:
-    """Of the pixels on both sides of a jump, this part."""
+    """Random mask of a share of the pixels on both sides of a depth jump."""
     beside = np.zeros(disparity.shape, np.bool_)
     across = np.abs(np.diff(disparity, axis=1)) > _JUMP
     along = np.abs(np.diff(disparity, axis=0)) > _JUMP

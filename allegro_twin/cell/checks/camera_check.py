@@ -27,7 +27,7 @@ _FEW = 20
 _CLEAR = 0.015
 """m. Of an object on the table, what is lower than this cannot be told from the table behind it."""
 _PART = 0.3
-"""Of the points that stood there: so many that have not moved are the object."""
+"""Share of the points that stood there which must not have moved to be the object."""
 _LOW = 0.5
 """Times the lift: what is lower than this has not been lifted."""
 _BESIDE = 0.03
@@ -96,8 +96,8 @@ def lifted_part(
     frame: CameraFrame, cloud: Cloud, before: Detection, others: Array, moved: tuple[Pose, Pose], lift: float,
     settings: PerceptionSettings,
 ) -> LiftedPart | None:  # fmt: skip
-    """Of a compound that the camera still sees on the table the part that it sees in the hand, or whose place it sees
-    empty: then its parts were objects of their own. None where there is none, and of what is no compound. Arguments as
+    """Part of a compound that is seen in the hand, or whose place is seen empty, while the compound still stands on the
+    table: then its parts were objects of their own. None where there is none, and for what is no compound. Arguments as
     of `check_camera`."""
     for part in before.instead if before.solid.parts else ():
         rest = [one.points for one in before.instead if one is not part]
@@ -108,8 +108,8 @@ def lifted_part(
 
 
 def _depths(frame: CameraFrame, cloud: Cloud, points: Array, near: float) -> tuple[int, int, int]:
-    """Of points of the world, (n, 3), m, how many the camera sees there, within `near` along the ray; behind how many
-    it sees something; and before how many. Where it knows nothing, or sees the robot, a point does not count."""
+    """Numbers of points of the world, (n, 3), m, that the camera sees within `near` along the ray, behind which it sees
+    something, and before which it does. A point does not count where the picture is unknown or shows the robot."""
     local = (points - frame.pose.position) @ frame.pose.rotation
     local = local[local[:, 2] > 1e-3]
     column, row = np.rint(frame.lens.pixel(local)).astype(np.int_).T

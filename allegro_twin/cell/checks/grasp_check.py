@@ -19,8 +19,8 @@ _LIGHT = 120.0  # kg/m³ of its box: YCB's fruits of plastic have 120 to 150, an
 _CHANCE = 3.0  # Standard deviations of a weight: one empty hand in 740 weighs more by chance.
 _PART = 0.1  # Of the pressure: a finger that gives less does not count as one that presses.
 NOTHING = 0.25
-"""Of the torque between fingers that says that something is there: with less nothing is. Between both they cannot tell,
-for fingers that touch each other are left out, and those that are left may hardly press."""
+"""Share of the torque threshold below which nothing is between the fingers. Up to the threshold the fingers cannot
+tell: fingers that touch each other are left out, and the others may hardly press."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class GraspCheck:
     """What force, torques, joints and camera say."""
 
     weight: float
-    """Of what hangs on the hand, kg."""
+    """Weight on the hand, kg."""
     least: float
     """Less than this the force sensor cannot tell, kg."""
     torque: float

@@ -12,13 +12,13 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, HandState, Vector
 
 _SHARE = 0.5
-"""Of the torque that is due, a motor gives at least so much. Motors of one model differ by 0.85 to 1.15."""
+"""Least share of the torque due that a working motor gives. Motors of one model differ by 0.85 to 1.15."""
 _LEAST = 0.1
-"""Of a motor's limit: less than this, or than four times the dry friction, is not asked for."""
+"""Share of a motor's limit below which a torque due is not checked; nor is one below four times the dry friction."""
 _SLOW = 0.1
 """rad/s. A joint that moves is braked by its loop, and is not judged."""
 _FOLLOWED = 0.5
-"""Of the goal's speed, from a fifth of `_SLOW` on: a joint that keeps so much of it has a motor."""
+"""Share of the goal's speed, from a fifth of `_SLOW` on, that shows that a joint has a motor."""
 _FOR = 0.15
 """s that a joint lacks torque without a pause before it is a fault."""
 _MOVED = 2e-4

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from allegro_twin.cell.actions import CellActions
+from allegro_twin.cell.actions.cell_actions import CellActions
 from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.camera.camera import CameraFrame, DepthCamera
 from allegro_twin.cell.journal.rows import perception_entry, picture_entry, state_entry
@@ -54,7 +54,7 @@ class ObserverCamera:
 PICTURES = {"ToTargetPose": "before", "ToLiftedPose": "grasp", "Done": "end"}
 """What is taken when a state begins, by the name of the file."""
 RECORDING = "lab.arrow"
-"""What `recorded.Recorded` writes beside them."""
+"""Name of the recording that `SessionRecorder` writes beside them."""
 _VIEW = View(azimuth=125.0, elevation=-25.0, distance=1.35)
 _SIZE, _FPS = (640, 480), 20
 

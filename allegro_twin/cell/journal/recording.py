@@ -71,6 +71,6 @@ def recording_meta(cell: Cell) -> dict[str, Any]:
 
 
 def config_hash(settings: LabSettings) -> str:
-    """Of everything that the config says, with what it leaves to defaults."""
+    """Hash of everything that the config says, with what it leaves to defaults."""
     text = json.dumps(settings.model_dump(mode="json"), sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -1,4 +1,4 @@
-"""What happens in a run as rows of a journal: states, what perception found, pictures."""
+"""Journal rows of a run: states, perception's findings, pictures."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.cell.actions import CellActions
+from allegro_twin.cell.actions.cell_actions import CellActions
 from allegro_twin.cell.camera.camera import CameraFrame
 from allegro_twin.cell.motion.other_objects import bounding_box
 from allegro_twin.cell.perception.cloud import finite
@@ -30,9 +30,9 @@ PERCEPTION: dict[str, FieldKind] = {
     "shape": "word", "pose": "numbers", "size": "numbers", "error": "number", "sigma": "number", "table": "numbers",
     "target": "numbers", "width": "number", "points": "array",
 }  # fmt: skip
-"""Of the picture taken at `t`, s: how many of its points are known; `found`, or why not; of the thing the shape, pose
-(7,), size (3,), m, the fit's error and the camera's scatter, m; the table's normal and height, (4,); the target frame
-(7,) and its width, m; the thing's own points, (k, 3), float32, m. All in the world."""
+"""Columns of perception for the picture taken at `t`, s: number of known points; `found`, or the refusal; the object's
+shape, pose (7,) and size (3,), m; the fit's error and the camera's scatter, m; the table's normal and height, (4,); the
+target frame (7,) and its width, m; the object's points, (k, 3), float32, m. All in the world."""
 PICTURES: dict[str, FieldKind] = {
     "t": "number", "number": "count", "camera": "numbers", "lens": "numbers", "colour": "array", "depth": "array",
 }  # fmt: skip
@@ -42,12 +42,12 @@ PICTURES: dict[str, FieldKind] = {
 
 def state_entry(now: MachineState, work: CellActions) -> dict[str, Any]:
     """A state begins."""
-    way, check, end = work.way, work.checked, now.end
+    way, check, end = work.target.way, work.held.found, now.end
     row: dict[str, Any] = {"t": now.since, "state": now.state, "tries": now.tries}
     if way is not None:
         row |= {"grasp": way.card.name, "palm": pose_numbers(way.palm), "before": pose_numbers(way.before)}
     if now.state == "ToTargetPose":
-        boxes = [np.concatenate(bounding_box(points)) for points in work.others]
+        boxes = [np.concatenate(bounding_box(points)) for points in work.target.others]
         row["clutter"] = np.array(boxes).reshape(-1, 6)  # Middle and extents of each other object, m.
     if check is not None:
         row |= {"weight": check.weight, "torque": check.torque}

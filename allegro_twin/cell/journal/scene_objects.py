@@ -1,4 +1,4 @@
-"""What perception saw as solids of a planning scene: the table, the target, and a box around each other object."""
+"""Solids of a planning scene from perception: the table, the target, and a box around each other object."""
 
 from __future__ import annotations
 

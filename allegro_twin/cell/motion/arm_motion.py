@@ -1,4 +1,4 @@
-"""How the arm goes: far ways through its joints, the last stretch and what touches something as on a spring."""
+"""Arm motion: far paths in joint space; the last stretch and contact as on a spring."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the fingers end when a grasp closes on nothing: known beforehand, by letting the hand alone do it."""
+"""Empty grasp: finger positions after a close on nothing, predicted by simulating the hand alone."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from allegro_twin.types import Array, Vector, frozen
 SQUEEZE = 0.6
 """s, as in conf/protocols/table_pick.yaml."""
 PERIOD = 0.003
-"""Of a hand in the cell, s."""
+"""Control period of a hand in the cell, s."""
 _PEAK = 15.0 / 8.0  # Peak over mean speed of a motion from rest to rest.
 _REST = 0.5  # s. After the squeeze, at least, until nothing moves;
 _STILL, _LONGEST = 2e-3, 4.0  # and that is rad/s, or s after the squeeze at the latest: slow motors creep.
@@ -45,7 +45,7 @@ class EmptyGrasp(NamedTuple):
     """What a close on nothing comes to."""
 
     position: Vector
-    """Of the joints, (n,), rad."""
+    """Joint positions after the close on nothing, (n,), rad."""
     telling: NDArray[np.bool_]
     """Joints of fingers that meet no other, (n,): where two fingertips come to rest on each other is chance, so that
     the others tell whether something is there. All, where every finger meets another."""

@@ -1,4 +1,4 @@
-"""How the fingers follow a path that is steered from outside, of hands that take torques and of those that do not."""
+"""Finger control along a path that is steered from outside, for hands with and without torque commands."""
 
 from __future__ import annotations
 

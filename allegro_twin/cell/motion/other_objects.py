@@ -34,7 +34,7 @@ _DEEP = 0.12
 _GROWN, _NEW = 0.015, 100
 """m, and points of a whole picture: what is higher by so much, at so many, is new in a tray."""
 _ALMOST_ALL = 0.995
-"""Of the points of a tray: the rest are strays."""
+"""Share of a tray's points that count as it; the rest are strays."""
 _FEW = 12
 """Thinned points of an object that arm and hand keep clear of; fewer are strays."""
 
@@ -112,7 +112,7 @@ def on_tray(points: Array, height: Array, tray: TraySettings, gap: float) -> Mas
 
 
 def points_in_tray(points: Array, tray: TraySettings) -> Array:
-    """Of points, (..., 3), world, m, those of a tray and of what is in it, (k, 3)."""
+    """Select the points, (..., 3), world, m, that belong to a tray and its contents, (k, 3)."""
     inside = (np.abs(points[..., :2] - tray.at) <= np.array(tray.size) / 2.0).all(axis=-1)
     return np.asarray(points[inside & (points[..., 2] < _TOP)])
 

@@ -1,4 +1,4 @@
-"""From a depth camera's points to what stands on the table and where a hand should go: functions of arrays.
+"""Perception: objects on the table and a target for the hand, from a depth camera's points; functions of arrays.
 
 What is named here is loaded when it is first asked for.
 """

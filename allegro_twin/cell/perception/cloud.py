@@ -41,7 +41,7 @@ class OrganizedCloud:
     cloud: Points
     """(rows, columns, 3), m, x right, y down, z ahead; NaN is unknown."""
     position: Vector
-    """Of the camera in the world, (3,), m."""
+    """Position of the camera in the world, (3,), m."""
     rotation: Array
     """Its axes in the world, columns of (3, 3)."""
     robot: Array | None = None
@@ -58,7 +58,7 @@ class OrganizedCloud:
             raise ConfigError("camera pose: not finite; give the pose in which the picture was taken")
 
     def world(self, points: Points) -> Points:
-        """Of the camera's frame, (n, 3), in the world."""
+        """Transform points, (n, 3), m, from the camera's frame to the world."""
         kind = points.dtype
         with np.errstate(invalid="ignore"):  # What is infinite becomes unknown.
             return np.asarray(points @ self.rotation.T.astype(kind) + self.position.astype(kind))
@@ -72,7 +72,8 @@ class OrganizedCloud:
 
     @cached_property
     def focal(self) -> float:
-        """Of the camera, pixels, by two known points of one row. Raises ConfigError for a cloud without order."""
+        """Focal length of the camera, pixels, by two known points of one row. Raises ConfigError for a cloud without
+        order."""
         rows = self.cloud[::_ROWS]
         known = finite(rows) & (rows[..., 2] > 0.0)
         if np.count_nonzero(known, axis=1).max() < 2:  # Hardly anything is known: look at all.

@@ -1,4 +1,4 @@
-"""Which points belong together: seen from above on a grid, cells that touch."""
+"""Clusters of points: neighbouring cells of a grid, seen from above."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class ClusterGrid:
     """Square cells over a plane and the cluster of each: 0 is none."""
 
     corner: Array
-    """Of the first cell, (2,), m."""
+    """Corner of the first cell, (2,), m."""
     cell: float
     """Edge, m."""
     labels: Labels

@@ -1,4 +1,4 @@
-"""From one picture to the things on the table: what they are, where they stand and how well that is known."""
+"""Perception pipeline: the objects on the table in one picture, their poses, and how certain these are."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ class TablePlane:
     offset: float
     """m."""
     part: float
-    """Of the points that were looked at, those that lie on it."""
+    """Share of the examined points that lie on it."""
 
     def height(self, points: Points) -> Array:
         """Above it, (..., 3) → (...), m."""
@@ -80,7 +80,7 @@ def _refined(points: Points, plane: TablePlane, near: float) -> TablePlane:
 _ENOUGH = 200
 """Thinned points in the region without which there is no use in looking for a plane."""
 _SHARE = 11
-"""Of the thinned points every so many is looked at for the plane."""
+"""Stride through the thinned points in the search for the plane."""
 _SCATTER = 3.5
 """A point of the table is this many standard deviations above it so rarely that it makes no thing."""
 _MOST = 1800
@@ -106,7 +106,7 @@ class Cluster:
     plane: TablePlane
     """In the world."""
     depth: float
-    """Of its points, the median, m."""
+    """Median depth of its points, m."""
     pixel: float
     """How far two neighbours are apart across the ray, m."""
     elevation: float

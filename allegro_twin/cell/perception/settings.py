@@ -1,4 +1,4 @@
-"""What perception's YAML says (conf/perception/*.yaml)."""
+"""Settings of perception (conf/perception/*.yaml)."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class TableSettings(Settings):
     tilt: Annotated[float, Field(gt=0, lt=1.57)] = 0.26
     """It leans less than this, rad."""
     part: Part = 0.2
-    """Of the points in the region, at least so many are on it."""
+    """Least share of the points in the region that must be on the table."""
     off: Positive | None = 0.005
     """In the workspace it may be so much higher or lower than the world's z = 0, m: arm and hand keep so far from it.
     None: wherever it is."""
@@ -104,7 +104,7 @@ class PerceptionSettings(Settings):
     baseline: Positive = 0.05
     """The camera's, m."""
     stride: Annotated[int, Field(ge=1, le=8)] = 3
-    """Of every so many rows and columns one is looked at, until it is known where the thing is."""
+    """Stride through rows and columns, until the place of the object is known."""
     oldest: Positive = 0.3
     """A picture older than this is not acted on, s."""
     table: TableSettings = TableSettings()

@@ -1,4 +1,4 @@
-"""Where the hand should be to grasp a thing: the report's `target_hand` frame."""
+"""Grasp target: the pose of the hand to grasp an object, the report's `target_hand` frame."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class GraspTarget:
     rotation: Array
     """Its axes, columns of (3, 3)."""
     width: float
-    """Of the thing along x: what the hand has to close on, m."""
+    """Extent of the object along x, on which the hand has to close, m."""
     depth: float
-    """Of the thing along z, m."""
+    """Extent of the object along z, m."""
 
     @property
     def quaternion(self) -> Vector:

@@ -23,13 +23,13 @@ _MEANS = 4
 """First groupings by the nearest of drawn middles, beside those along the longest direction."""
 _CUTS = (0.35, 0.5, 0.65)
 _DEEP = 0.5
-"""Of the smaller one's half extents: a middle deeper inside another solid is no thing of its own."""
+"""Share of the smaller solid's half extents: a middle deeper inside another solid is no object of its own."""
 _RAYS, _BACK = 1500, 0.006 * np.arange(1, 31)
 """So many rays are looked at, and where on each, m before what is seen there."""
 _LEVEL, _PARALLEL, _JOINED = 0.004, np.radians(6.0), 0.006
 """m between tops that are one, an angle between edges that are parallel, and m between faces that meet."""
 _SHARED = 0.6
-"""Of the width of the narrower one: solids that meet along so much of a face are one body."""
+"""Share of the narrower solid's width: solids that meet along so much of a face are one body."""
 
 
 class Separated(NamedTuple):
@@ -37,7 +37,7 @@ class Separated(NamedTuple):
 
     solid: Solid
     members: NDArray[np.bool_]
-    """Of the cluster's points, (n,)."""
+    """Membership of the cluster's points, (n,)."""
 
 
 def separate_solids(
@@ -116,15 +116,16 @@ def see_through_share(solid: Solid, points: Array, eye: Vector, deep: float) -> 
 
 
 def background_share(solid: Solid, points: Array, eye: Vector, deep: float) -> float:
-    """Likewise, of points behind a solid alone: what is in a hollow of it does not count."""
+    """Share of points, (n, 3), m, that the camera at `eye`, (3,), m, sees behind a solid, through more than `deep`, m,
+    of it: what is in a hollow of it does not count."""
     inside, at = _along_rays(solid, points, eye)
     behind = int(np.count_nonzero((inside < -deep) & (at > deep)))
     return behind / max(behind + int(np.count_nonzero(np.abs(at) < deep)), 1)
 
 
 def _along_rays(solid: Solid, points: Array, eye: Vector) -> tuple[Vector, Vector]:
-    """Of some of the points, (k,) each, m: the least distance to a solid's surface of what is before it on the way from
-    the camera, and its own; negative inside."""
+    """Least signed distances to a solid's surface along the rays to some of the points, before the point and at it,
+    (k,) each, m; negative inside."""
     points = points[:: max(1, len(points) // _RAYS)]
     away = points - eye
     away /= np.linalg.norm(away, axis=1, keepdims=True)

@@ -23,7 +23,7 @@ from allegro_twin.viewing.views import View, check_edges
 
 Floats = NDArray[np.float32]
 BOUND = 5.0
-"""Of every number in an observation."""
+"""Bound of every number in an observation."""
 _HIGH = 0.1
 """m. A thing that is lifted by so much"""
 _LONG = 1.0
@@ -45,6 +45,9 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
         check_edges(width, height)
         if "policy" in kwargs:
             raise ConfigError("ArmPick has no policies that ship, and no cards of them: leave policy out")
+        if "autoreset_mode" in kwargs:
+            raise ConfigError("ArmPick is one environment: gymnasium.make_vec takes its autoreset_mode in "
+                              "vector_kwargs: {'autoreset_mode': gymnasium.vector.AutoresetMode.…}")  # fmt: skip
         self.settings = parse_settings(PickSettings, kwargs, "environment")
         self.render_mode, self._size = render_mode, (width, height)
         self.episodes = Episodes(self.settings)
@@ -153,7 +156,7 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
 
 
 def _part(position: Vector, lower: Vector, upper: Vector) -> Vector:
-    """Of the way between limits, -1 to 1."""
+    """Position between limits as a number from -1 to 1."""
     return np.asarray((2.0 * position - lower - upper) / (upper - lower))
 
 

@@ -73,7 +73,7 @@ class ObjectTracker:
 
 
 def _plain(body: TableObject) -> TableObject:
-    """Of the turns that look the same, one: of what is round none, else within a quarter turn."""
+    """Body with one of its equivalent yaws: zero for a round one, otherwise within a quarter turn."""
     yaw = 0.0 if body.kind in _ROUND else float((body.yaw + np.pi / 2.0) % np.pi - np.pi / 2.0)
     return replace(body, yaw=yaw)
 

@@ -23,7 +23,7 @@ from allegro_twin.types import HandState, Vector
 _LEASH = (0.06, 0.3)
 """m and rad: a set-point is no farther ahead of the palm."""
 _LOWER, _UPPER = np.array([-0.35, -0.4, 0.02]), np.array([0.3, 0.4, 0.6])
-"""Of the palm's set-point in the world, m."""
+"""Limits of the palm's set-point in the world, m."""
 _AIR = 1e-4  # m. So that a thing settles instead of being pushed out of the table.
 
 

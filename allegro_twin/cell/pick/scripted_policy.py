@@ -18,7 +18,7 @@ _UP = 0.15  # m.
 
 
 class ScriptedPick:
-    """Of one episode; made after its reset, and asked before every step."""
+    """Scripted policy of one episode; made after its reset, and asked before every step."""
 
     def __init__(self, env: ArmPick) -> None:
         self._now, self._settings = env.episodes, env.settings

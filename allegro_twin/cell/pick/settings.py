@@ -1,4 +1,4 @@
-"""What can be chosen of `ArmPick` when it is made, and of an episode when it is reset."""
+"""Settings of `ArmPick`: those of the environment when it is made, and those of an episode at its reset."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class PickSettings(Settings):
     """The thing is where one picture of the camera at the episode's beginning says, and stays there in observations;
     else it is known at every decision, as exactly and as late as the three `camera_…` say."""
     objects: Annotated[tuple[str, ...], Field(min_length=1)] = OBJECTS
-    """Of the catalogue; each episode draws one. What the hand cannot take is refused where it is named, and left out of
-    these where nothing is."""
+    """Objects of the catalogue; each episode draws one. One that the hand cannot take is refused where it is named, and
+    left out of the default."""
     place: Annotated[float, Field(ge=0, le=0.12)] = 0.08
     """A thing stands within so much of the table's middle along x and y, m, turned by any angle."""
     off: Annotated[float, Field(ge=0, le=0.05)] = 0.03
@@ -40,13 +40,13 @@ class PickSettings(Settings):
     camera_delay: Annotated[int, Field(ge=0, le=20)] = 0
     """Decisions."""
     step: Positive = 0.02
-    """Of the palm in an action, m along each axis,"""
+    """Largest translation of the palm in an action, m along each axis,"""
     turn: Positive = 0.1
     """and rad about each; of the finger joints in an action, too."""
     close: Positive = 0.1
-    """Of the grasp in an action: it is open at 0, closed at 1, squeezed at 2."""
+    """Largest change of the grasp in an action: it is open at 0, closed at 1, squeezed at 2."""
     stiffness: Positive = 1000.0
-    """Of the spring between palm and set-point, N/m,"""
+    """Stiffness of the spring between palm and set-point, N/m,"""
     angular_stiffness: Positive = 50.0
     """and N·m/rad."""
     gains: str = "default"
@@ -55,7 +55,7 @@ class PickSettings(Settings):
     decimation: Annotated[int, Field(ge=1)] = 13
     """Control periods between two actions."""
     seconds: Positive = 7.0
-    """Of an episode."""
+    """Duration of an episode, s."""
 
     @model_validator(mode="after")
     def _camera_used(self) -> Self:

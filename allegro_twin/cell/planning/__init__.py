@@ -1,4 +1,4 @@
-"""Which way to take what was seen: stored grasps, what the arm reaches, and grasps adapted to new solids.
+"""Grasp planning in the cell: stored grasps, the arm's reach, and grasps adapted to new solids.
 
 What is named here is loaded when it is first asked for.
 """

@@ -86,9 +86,10 @@ _GAP = (0.006, 0.011)
 _FAR, _THIN = 0.4, 0.004
 """m: what is further away is in nobody's way; a box's edge at least."""
 _ROUND_TURNS, _HEAVY = 8, 1000.0
-"""Of so many turns of what is round; and kg/m³ of what stands beside it, which nothing moves in geometry."""
+"""Turns about the axis of a round object that are tried; density of other objects, kg/m³, which nothing moves in
+geometry."""
 _LIGHTER = 0.5
-"""Of the density: what cannot be lifted otherwise may be hollow."""
+"""Share of the density: what cannot be lifted otherwise may be hollow."""
 _AIR = 1e-4
 """m, under what is put on the table."""
 _LIGHTEST = 0.02
@@ -106,7 +107,7 @@ class AdaptedGrasp:
 
     @property
     def share(self) -> float:
-        """Of the draws in which it held."""
+        """Share of the draws in which it held."""
         return self.held / self.tried
 
 

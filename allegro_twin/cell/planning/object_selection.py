@@ -1,4 +1,4 @@
-"""Which of the things on a table is taken next, and how: the first that a grasp and a path of the arm are for."""
+"""Selection of the next object on the table: the first with a grasp and a free path of the arm."""
 
 from __future__ import annotations
 
@@ -94,8 +94,8 @@ class ObjectSelector:
     def first(
         self, seen: Sequence[Detection | PerceptionRefusal], frame: CameraFrame, alone: Cloud
     ) -> SelectedObject | CellOutcome:
-        """Of all that was seen in a picture the first that can be taken, with room to all others or, where nothing can,
-        with less; else why nothing can. `alone`: its cloud without arm and hand."""
+        """Select the first observed object that can be taken, with room to all others or, where none can, with less;
+        otherwise the reason. `alone`: the picture's cloud without arm and hand."""
         readings, refused = self._readings(seen), dict[int, CellOutcome]()
         on_table = _least_count(seen)
         self._most = max(self._most, self.released + self._fell + on_table)

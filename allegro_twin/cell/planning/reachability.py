@@ -191,8 +191,8 @@ def _clear_of_obstacles(one: GraspPlan, cell: Cell) -> GraspPlan | ClearanceViol
 
 
 def plain_grasps(body: TableObject, robot: ArmWithHand, waiting: Vector, lift: float) -> list[GraspPlan]:
-    """The same from where the arm waits, (n,), rad, for a lift of so much, m, whatever is in the way, never with the
-    elbow out and never askew; that with the least turn of a joint first."""
+    """Grasps that the arm reaches from where it waits, (n,), rad, for a lift, m, without a collision check, never with
+    the elbow out and never askew; the one with the least rotation of a joint first."""
     return reachable_grasps(body, robot, waiting, lift, (_PLAIN,))
 
 
@@ -219,7 +219,7 @@ def _reached(
     ways: Sequence[GraspCandidate], body: TableObject, robot: ArmWithHand, waiting: Vector, lift: float,
     near: Sequence[Sequence[float]],
 ) -> list[GraspPlan]:  # fmt: skip
-    """Of the ways those that the arm reaches from one of some postures, that with the least turn of a joint first."""
+    """Grasp plans that the arm reaches from one of some postures, the one with the least rotation of a joint first."""
     top = float(body.position[2]) + body.extents[2] / 2.0
     first = sorted(ways, key=lambda way: -_across(way.palm, robot.base))[:_TRIED]
     each = (_from(way, top, robot, waiting, lift, np.array(side)) for way in first for side in near)
@@ -306,7 +306,8 @@ def _over(way: GraspCandidate, top: float, robot: ArmWithHand, at: Vector) -> tu
 
 
 def _higher(one: GraspPlan, robot: ArmWithHand) -> list[GraspPlan]:
-    """The same from above, where the way to it is straight: a hand that turns low over the table may sweep it."""
+    """Plan of a grasp from above, where the path to it is straight: a hand that turns low over the table may sweep
+    it."""
     above = _above(one.way, _CLEAR, robot, one.through[-1]) if len(one.through) == 1 else ()
     return [one._replace(through=(*above, *one.through))] if above else []
 

@@ -1,4 +1,4 @@
-"""Where what is held is let go: in the tray, over all that stands on the table, or where it stood."""
+"""Release pose of a held object: in the tray, above all that stands on the table, or where the object stood."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ class ReleasePath(NamedTuple):
     """How what is held gets into the tray."""
 
     up: Pose
-    """Of the palm, in the world: straight up from where it is."""
+    """Pose of the palm in the world, straight up from where it is."""
     across: Vector
     """The arm's posture above the tray, (n,), rad."""
     over: Pose
-    """Of the palm there, and"""
+    """Pose of the palm there, in the world, and"""
     palm: Pose
     """where the hand opens, straight below."""
 
@@ -166,7 +166,8 @@ def _reached(
 
 
 def _postures(palms: Sequence[Pose], near: Vector, room: float, cell: Cell) -> tuple[Vector, ...]:
-    """Of the arm, one after the other; none where one of them is out of reach, or has less `room`, rad, in a joint."""
+    """Postures of the arm for palm poses, one after the other; empty where one is out of reach, or has less `room`,
+    rad, in a joint."""
     robot, found = cell.robot, list[Vector]()
     for palm in palms:
         try:

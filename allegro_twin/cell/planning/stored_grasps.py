@@ -1,4 +1,4 @@
-"""Which grasp for what was seen: one rule for all things.
+"""Stored grasps for an observed object: one rule for all objects.
 
 Every scenario that ships is a thing, a grasp and the palm's place beside it; those in scenarios/on_arm come first. What
 was seen is taken as that thing of the same kind of solid whose extents are the nearest by ratio; its grasp is turned
@@ -29,7 +29,7 @@ from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array, Vector
 
 MIRROR = np.diag([1.0, -1.0, 1.0])
-"""Of vectors of a right hand, for a left one."""
+"""Mirror of a right hand's vectors for a left hand."""
 _ROUND = 24  # Ways to take what is round: every 15 degrees.
 _SQUARE = 1.03  # Ratio of level edges under which a box is square.
 _ON_ARM = "on_arm"  # The folder of scenarios that leave room for an arm behind the hand; they come before others.
@@ -38,7 +38,7 @@ _LITTLE = np.radians([-10.0, 10.0, -20.0, 20.0])  # OWN: lemons were held by an 
 _SHIFTED, _TURNED_BY = 0.004, 0.1
 """m, and the sine of an angle, between parts of compounds that are alike."""
 MOST = 0.25
-"""Of the logarithm of a ratio of extents: beyond it no stored grasp is for the thing."""
+"""Largest logarithm of a ratio of extents for which a stored grasp is taken."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,4 +1,4 @@
-"""Which of the things that were seen is the one that was wanted for: by its extents, for a camera knows no names."""
+"""Choice of the observed object that was requested, by its extents, since a camera knows no names."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from allegro_twin.sim.objects.catalogue import GraspObject
 from allegro_twin.types import Array
 
 _FITS = 0.4
-"""Of the logarithm of a ratio of extents: beyond it nothing that was seen is what was wanted for. A mug's handle, which
-no solid has, makes 0.35."""
+"""Largest logarithm of a ratio of extents between the requested and an observed object. A mug's handle, which no solid
+has, makes 0.35."""
 _TURNS = np.radians(np.arange(0.0, 90.0, 2.0))
 
 

@@ -1,4 +1,4 @@
-"""What a cell that is led from outside may be asked for: every wish is looked at before anything moves."""
+"""Workspace limits of a cell that is controlled from outside: every request is checked before anything moves."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _ROOM = 0.05  # rad, to the end of every joint.
 _TICK, _LONGEST = 0.02, 4000
 """s between two postures of the fingers that are looked at, and so many of them at most in a clearance."""
 _IN_A_LEG = 4  # Moments of every leg, however short: a fast one must not lie between two ticks.
-_GIVES = 0.002  # m. As `hand.ways`: so deep in each other fingers may be asked to be.
+_GIVES = 0.002  # m. As in `collision_free_paths`: depth to which fingers may overlap.
 
 
 class WorkspaceLimits:

@@ -1,1 +1,1 @@
-"""What drivers share: a serial line and the backend of a hand on it, the keeper, faults, the pace of virtual hands."""
+"""Base of the drivers: a serial line and the backend of a hand on it, keeper, faults, pace of virtual hands."""

@@ -1,4 +1,4 @@
-"""What a hand's own language has to offer, so that `SerialBackend` can drive it."""
+"""Driver protocol: the operations of a hand's own protocol that `SerialBackend` needs."""
 
 from __future__ import annotations
 

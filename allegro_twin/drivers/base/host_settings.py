@@ -1,4 +1,4 @@
-"""How to deal with a hand on a serial line."""
+"""Settings of the host's side of a serial line."""
 
 from __future__ import annotations
 

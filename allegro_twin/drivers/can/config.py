@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from collections.abc import Iterator
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
 from allegro_twin.drivers.base.faults import FaultEvent
 from allegro_twin.files.schema import Gravity, Positive, Probability, Seed, Settings
 from allegro_twin.hands.description.calibration import Version
+from allegro_twin.hands.settings import TaskSettings
 from allegro_twin.plugins import BackendSettings
 from allegro_twin.sim.settings import SceneSettings
 from allegro_twin.spec.drivetrain import Ailment
@@ -58,6 +60,8 @@ class FirmwareSettings(Settings):
 class CanSettings(BackendSettings):
     """A hand on a CAN bus, real or virtual."""
 
+    wire_keys: ClassVar[tuple[str, ...]] = ("channel", "options")
+
     kind: Literal["can"]
     version: Version | None = None
     """Of the hand; default: what its own file says."""
@@ -100,6 +104,11 @@ class CanSettings(BackendSettings):
     @property
     def virtual(self) -> bool:
         return self.interface == VIRTUAL
+
+    def contradictions(self, task: TaskSettings) -> Iterator[str]:
+        yield from super().contradictions(task)
+        if task.episode is not None and self.virtual and self.imu > 0:
+            yield "backend.imu: the palm of an episode reports no gravity: leave it out"
 
     @property
     def place(self) -> str:

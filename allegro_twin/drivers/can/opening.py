@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from allegro_twin.backend import HandBackend
 from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.config import CanSettings, FaultSettings, FirmwareSettings
@@ -27,9 +28,6 @@ from allegro_twin.hands.settings import HandSettings
 from allegro_twin.plugins import BackendContext, BackendKind
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import frozen
-
-if TYPE_CHECKING:
-    from allegro_twin.sim.engine.backend import SimBackend
 
 _HARDWARE = {"v1": 0x0100, "v2": 0x0200, "v3": 0x0300, "v4": 0x0400, "v5": 0x0500, "v5plus": 0x0500}
 _BLOCKS = ("actuation", "drive", "wire")
@@ -137,7 +135,7 @@ def _serial(hand: HandSettings, codec: Codec) -> str:
     return (hand.serial or "VIRTUAL1")[-8:]
 
 
-def _pressures(sim: SimBackend) -> Callable[[], np.ndarray[tuple[int], np.dtype[np.float64]]] | None:
+def _pressures(sim: HandBackend) -> Callable[[], np.ndarray[tuple[int], np.dtype[np.float64]]] | None:
     """None for physics that are no simulation of ours, such as a hidden hand's or an episode's."""
     from allegro_twin.sim.engine.backend import SimBackend
     from allegro_twin.sim.engine.fingertip_pressure import PressureSensors

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -54,6 +54,8 @@ class ServoFaultSettings(LineNoise):
 
 class DynamixelSettings(BackendSettings):
     """A hand of DYNAMIXEL servos on a serial port, real or virtual, through the vendor's SDK."""
+
+    wire_keys: ClassVar[tuple[str, ...]] = ("latency", "keeper")
 
     kind: Literal["dynamixel"]
     port: str = "/dev/ttyUSB0"

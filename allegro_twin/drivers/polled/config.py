@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -36,6 +36,8 @@ class PolledFaultSettings(LineNoise):
 
 class PolledSettings(BackendSettings):
     """What all of them have."""
+
+    wire_keys: ClassVar[tuple[str, ...]] = ("latency", "keeper")
 
     kind: str
     baud: Annotated[int, Field(gt=0)]

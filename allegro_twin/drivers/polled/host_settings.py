@@ -1,4 +1,4 @@
-"""How to deal with a hand that answers when it is asked."""
+"""Settings of the host's side of a hand that answers requests."""
 
 from __future__ import annotations
 

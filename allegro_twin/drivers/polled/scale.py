@@ -1,4 +1,4 @@
-"""What an encoder's ticks and a motor's current are worth: one place, used at both ends of the wire."""
+"""Scales of encoder ticks and motor currents, the same at both ends of the wire."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What such a hand's electronics are told and asked, in ticks and milliamperes."""
+"""Commands and requests of a polled hand's electronics, in ticks and milliamperes."""
 
 from __future__ import annotations
 

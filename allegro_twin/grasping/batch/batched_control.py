@@ -1,4 +1,4 @@
-"""What controllers of many hands tell the motors: along trajectories as arrays, any other controller one by one."""
+"""Batched motor commands of many hands: trajectories as arrays, any other controller one by one."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ class BatchedControllers:
         self._memory = [each.start(state) for each, state in zip(controllers, states, strict=True)]
         self._gravity = next((each.gravity for each in controllers if isinstance(each, PD | LatchGrasp)), None)
         self._place = np.full(len(controllers), -1)
-        """Of each controller among those along trajectories."""
+        """Place of each controller among those along trajectories; -1: none."""
         self._effort = np.tile(self._spec.actuation.torque_limit, (len(controllers), 1))
         paths, gains, latching = list[Trajectory](), list[tuple[Array, Array]](), list[LatchParameters]()
         self._latching = np.full(len(controllers), -1)
-        """Of each controller among those that latch."""
+        """Place of each controller among those that latch; -1: none."""
         for row, (each, memory) in enumerate(zip(controllers, self._memory, strict=True)):
             alike = (
                 isinstance(each, PositionControl)

@@ -31,9 +31,11 @@ class Verdict:
     stopped: str = ""
     """Why."""
     mass: float = float("nan")
-    """Of the object, kg."""
+    """Mass of the object, kg."""
     measured: Mapping[str, float] = field(default_factory=dict)
     """What was asked for at the end of the first phase that checks; empty for a trial that was stopped before."""
+    too_fast: bool = False
+    """Whether a joint's speed stopped it."""
 
     @property
     def held(self) -> bool:
@@ -117,19 +119,21 @@ class _JudgedTrials(TrialLoop):
         self._closely = [trial.typed or not stop_early for trial in trials]
         self._measure, self._measured = measure, [dict[str, float]() for _ in trials]
         self._poses = np.empty((2, self.n, most, 7))
-        """Of palms and objects."""
+        """Poses of palms and objects."""
         self._torque = np.empty((self.n, most, self.spec.n_joints))
         self._seen: list[list[dict[str, Array]]] = [[] for _ in trials]
         self._stems, self._stop_early = np.array(stems), stop_early
         self._waiting = self._forks()
+        self._too_fast = set[int]()
         self.running = np.array([row for row in self.running.tolist() if row not in self._waiting])
 
     def verdicts(self) -> list[Verdict]:
         self.run()
-        return [
-            Verdict(None if why else trial.judged(self._observed(row)), why, trial.mass, self._measured[row])
-            for row, (trial, why) in enumerate(zip(self.trials, self.why, strict=True))
-        ]
+        found = []
+        for row, (trial, why) in enumerate(zip(self.trials, self.why, strict=True)):
+            report = None if why else trial.judged(self._observed(row))
+            found.append(Verdict(report, why, trial.mass, self._measured[row], row in self._too_fast))
+        return found
 
     def observe(self) -> None:
         """Keep what a verdict needs; stop what is at its end, and what is lost where somebody wants to know early."""
@@ -168,8 +172,10 @@ class _JudgedTrials(TrialLoop):
         position, velocity = self.sims.position[rows], self.sims.velocity[rows]
         if np.isfinite(position.sum()) and (np.abs(velocity) <= self.limits.velocity).all():
             return
-        fine = np.isfinite(position).all(axis=1) & (np.abs(velocity) <= self.limits.velocity).all(axis=1)
-        self.stop({row: why for row in rows[~fine].tolist() if (why := self._stopped(row))})
+        finite, slow = np.isfinite(position).all(axis=1), (np.abs(velocity) <= self.limits.velocity).all(axis=1)
+        fast = rows[finite & ~slow].tolist()
+        self._too_fast |= {*fast, *(row for row, fork in self._waiting.items() if fork.of in fast)}
+        self.stop({row: self._stopped(row) for row in rows[~(finite & slow)].tolist()})
 
     def _forks(self) -> dict[int, _Fork]:
         """Which trials join later."""
@@ -206,11 +212,9 @@ class _JudgedTrials(TrialLoop):
             self._measured[row] |= self._measure(self.trials[row], self.sims.scratch)
 
     def _stopped(self, row: int) -> str:
-        if not np.isfinite(self.sims.position[row].sum()):
+        if not np.isfinite(self.sims.position[row]).all():
             return "the simulation diverged"
-        if (np.abs(self.sims.velocity[row]) > self.limits.velocity).any():
-            return violation(self._state(row), self.limits, self.spec) or ""
-        return ""
+        return str(violation(self._state(row), self.limits, self.spec))
 
     def _lost(self, rows: Rows) -> list[str]:
         """Why each of some trials cannot be held any more; empty where it may be."""

@@ -40,11 +40,11 @@ class TrialLoop:
     ) -> None:
         self.spec, self.n, self.period, self._objects = spec, len(models), period, objects
         self.steps = substeps(period, models[0].opt.timestep)
-        """Of physics, in a period."""
+        """Physics steps in a period."""
         self.sims = SeparateModelBatch(spec, models, threads=threads, period=period)
         self.palm = models[0].body("palm_link").id
         self.bodies = np.array([model.body(name).id for model, name in zip(models, objects, strict=True)])
-        """Of the objects, (n,)."""
+        """Body indices of the objects, (n,)."""
         self.tick = 0
         """Periods that have passed."""
         self.running: Rows = np.arange(self.n)
@@ -68,7 +68,7 @@ class TrialLoop:
         raise NotImplementedError
 
     def set_points(self) -> Array:
-        """Of the wrists in every physics step of that period, (running, steps, 6)."""
+        """Set-points of the wrists in every physics step of that period, (running, steps, 6)."""
         raise NotImplementedError
 
     def check(self) -> None:
@@ -87,7 +87,7 @@ class TrialLoop:
             self.running = np.array([row for row in self.running if row not in reasons], dtype=np.int64)
 
     def poses(self, rows: Rows | int) -> tuple[Array, Array]:
-        """Of palms and of objects in some trials: position and quaternion, world, (..., 7), m."""
+        """Poses of palms and of objects in some trials: position, m, and quaternion, world, (..., 7)."""
         where, turned, bodies = self.sims.body_position, self.sims.body_quaternion, self.bodies[rows]
         palm, body = (np.concatenate([where[rows, k], turned[rows, k]], axis=-1) for k in (self.palm, bodies))
         return palm, body

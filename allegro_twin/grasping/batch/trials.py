@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from allegro_twin.control.controllers import PD, GravityFeedforward, PositionControl
-from allegro_twin.errors import ConfigError, HandFault
+from allegro_twin.errors import ConfigError, HandFault, TooFast
 from allegro_twin.files.fingerprints import fingerprint
 from allegro_twin.grasping.batch.batched_trials import Measure, Verdict, run_trials
 from allegro_twin.grasping.controller import TimedGrasp, make_grasp_controller
@@ -129,7 +129,7 @@ class TrialRunner:
                 if measure is not None and sample.state.tick == moment:
                     measured |= measure(trial, trial.backend.data)
         except HandFault as fault:
-            return Verdict(None, str(fault), trial.mass, measured)
+            return Verdict(None, str(fault), trial.mass, measured, isinstance(fault, TooFast))
         return Verdict(trial.report(), "", trial.mass, measured)
 
     def trial(self, case: TrialCase, scenes: CompiledScenes | None = None) -> Trial:

@@ -39,8 +39,8 @@ class InputFingerprints:
         self._scenes: dict[str, str] = {}
 
     def __call__(self, case: TrialCase, spec: HandSpec, name: str, file: Path | None = None) -> Inputs:
-        """Of the trial of that name. `file`: of many grasps, of which its grasp and the palm's place are; those of one
-        file share their scene. Raises ConfigError for a scene that cannot be built."""
+        """Fingerprints of all that the trial of that name reads. `file`: a file of many grasps that holds its grasp and
+        the palm's place; those of one file share their scene. Raises ConfigError for a scene that cannot be built."""
         scenario, protocol = case.scenario, case.ruled
         gains = protocol_gains(protocol.gains, spec)
         found = {
@@ -69,14 +69,14 @@ class InputFingerprints:
 
 
 def scenario_fingerprint(scenario: Scenario) -> str:
-    """Of what a scenario says; where its files lie does not count, nor its description."""
+    """Fingerprint of a scenario's contents; the place of its files does not count, nor does its description."""
     objects = [each.model_copy(update={"file": None}) for each in scenario.objects]
     named_by = {"grasp": Path(scenario.grasp).stem, "hand": Path(scenario.hand).stem, "objects": tuple(objects)}
     return fingerprint(scenario.model_copy(update=named_by | {"description": ""}))
 
 
 def object_fingerprint(settings: ScenarioObject, folder: Path) -> str:
-    """Of one object: its file, or what the catalogue says of that name. Raises ConfigError."""
+    """Fingerprint of one object: its file, or the catalogue's entry of that name. Raises ConfigError."""
     if settings.file is not None:
         file, own = folder / settings.file, settings.model_copy(update={"file": None})
         repaired = settings.shape == "mesh" and settings.collision == "pieces" and mesh_report(file, settings.scale)
@@ -122,7 +122,7 @@ class EvaluationTarget:
 
     name: str
     item: dict[str, Any]
-    """Of `build.trials.judged`, without a draw."""
+    """Item of a sweep of `JUDGE`, without its draw."""
     case: TrialCase
     spec: HandSpec
 
@@ -139,7 +139,7 @@ class Campaign(NamedTuple):
     stamps: dict[str, str]
     """What is asked: of which targets, under which rules, with which draws."""
     inputs: list[Mapping[str, str]]
-    """Of each item: all that its trial reads, by name and fingerprint."""
+    """Inputs of each item: all that its trial reads, by name and fingerprint."""
 
 
 def find_targets(paths: Iterable[Path], asked: TargetOptions = TargetOptions()) -> list[EvaluationTarget]:

@@ -42,7 +42,7 @@ def write_html_report(
 ) -> None:
     """Write the report of some results, a row a grasp, with at least `object` and `held`.
 
-    What else it knows: grasp, type, reason, `margin_…`, the metrics of `metrics.measure`, drift_mm, rotation_deg,
+    What else it knows: grasp, type, reason, `margin_…`, the metrics of `trial_metrics`, drift_mm, rotation_deg,
     success and n (under uncertainty), `picture` (a PNG, which goes into the page) and `rrd` (which is linked), both
     from here or from the page's folder; any other column is in the table. `about`: what the results depend on, such as
     engine, model, protocol and seeds. Raises ConfigError for a table that cannot be shown, RecordingError where the
@@ -56,7 +56,7 @@ def write_html_report(
 def html_report(
     results: Sequence[Row] | Columnar, folder: Path, *, title: str, about: Mapping[str, str] | None = None
 ) -> str:
-    """The same as text; `folder` is where it will lie."""
+    """Report of some results as text, a row a grasp; `folder` is where it will lie."""
     table = ResultTable(results)
     facts = " · ".join(f"{key} {value}" for key, value in (about or {}).items())
     parts = (_numbers(table), _success(table), _margins(table), _metrics(table), _pictures(table, folder),

@@ -1,4 +1,4 @@
-"""What came of many trials: a row a grasp, rates with their intervals, and two grasps in the same draws."""
+"""Outcomes of many trials: a row a grasp, rates with their intervals, and two grasps in the same draws."""
 
 from __future__ import annotations
 
@@ -58,13 +58,13 @@ def summarise(targets: Sequence[EvaluationTarget], trials: Sequence[Row]) -> lis
 
 
 def row_rate(row: Row) -> Rate:
-    """Of one target under draws."""
+    """Success rate of one target under draws."""
     return make_rate(str(row["target"]), round(row["success"] * row["n"]), row["n"])
 
 
 def rates(rows: Sequence[Row], column: str) -> list[Rate]:
-    """Of the targets with the same `object`, say, all draws together; of those without draws whether they held. Right
-    and left hand, which perform the same draws, are apart: together they would count for twice as many."""
+    """Success rates of the targets with the same value of `column`, all draws together; without draws, whether they
+    held. Right and left hand, which perform the same draws, are apart: together they would count for twice as many."""
     found: dict[str, list[int]] = {}
     both = len({row["side"] for row in rows}) > 1
     for row in rows:

@@ -20,8 +20,8 @@ from allegro_twin.version import __version__
 
 
 def rejudge(spec: HandSpec, columns: Mapping[str, Array], meta: Mapping[str, Any]) -> TrialReport | None:
-    """The same as at the end of the trial; None where none was recorded, to its end, with what a verdict needs, and
-    where somebody pulled the object with the mouse."""
+    """Verdict on a recorded trial, as at its end; None where none was recorded to its end with what a verdict needs,
+    and where somebody pulled the object with the mouse."""
     rule = meta.get("judged")
     if rule is None or np.any(columns.get("mouse_force", 0.0)):
         return None
@@ -67,7 +67,7 @@ def limits_left(margin: float) -> str:
 
 
 _MOMENT = 0.005
-"""Of the time: a joint that is at its torque limit for less is not named."""
+"""Share of the time below which a joint at its torque limit is not named."""
 
 
 def stalled_joints(report: TrialReport) -> str:
@@ -100,7 +100,7 @@ def _bears(share: float, thermal: ThermalData | None) -> str:
 
 
 def _finite(value: Any) -> Any:
-    """The same content with None for every NaN and infinity, which JSON does not have."""
+    """Copy of content with None for every NaN and infinity, which JSON does not have."""
     if isinstance(value, Mapping):
         return {key: _finite(each) for key, each in value.items()}
     if isinstance(value, list | tuple):

@@ -17,7 +17,7 @@ from allegro_twin.types import Array
 
 _POSITION, _TURN = ("WRJTx", "WRJTy", "WRJTz"), ("WRJRx", "WRJRy", "WRJRz")
 OPENED, PRESSED = 0.9, 1.1
-"""Of the joints: the pre-shape and the squeeze that these entries do not have, as DexGraspBench makes them."""
+"""Scales of the joints for the pre-shape and the squeeze that these entries lack, as DexGraspBench makes them."""
 
 
 def read_entries(entries: Sequence[Mapping[str, Any]], spec: HandSpec, source: Path) -> Grasps:

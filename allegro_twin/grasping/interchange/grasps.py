@@ -44,13 +44,13 @@ class Grasps:
     w x y z. Raises ConfigError, in a line, for what cannot be: see `check_grasps`."""
 
     hand: Array
-    """Of the `frame` in the file's world, (k, s, 7)."""
+    """Poses of the `frame` in the file's world, (k, s, 7)."""
     joints: Array
     """In the spec's order, (k, s, n), rad; what a squeeze asks for may lie outside the limits."""
     object_pose: Array
     """In the file's world, (k, 7)."""
     scale: Vector
-    """Of the object's mesh: file units to m, (k,)."""
+    """Scale of the object's mesh: file units to m, (k,)."""
     object: str
     """Its file or name, as it was written."""
     spec: HandSpec
@@ -75,7 +75,7 @@ class Grasps:
 
     def palm_from(self, middle: ArrayLike) -> Array:
         """The palm from another origin in the object, (3,), m, in its file's axes: from the middle of its mesh
-        (`sim.meshes.middle_of`), say, which is where the frame of an object in a scene is."""
+        (`meshes.mesh_middle`), say, which is where the frame of an object in a scene is."""
         shift = np.append(np.asarray(middle, dtype=np.float64), np.zeros(4))
         return self.palm - shift
 
@@ -111,11 +111,11 @@ class Grasps:
         )
 
     def within(self, spec: HandSpec) -> Grasps:
-        """The same with every joint inside its limits: what a position controller can be asked for."""
+        """Copy with every joint inside its limits, as a position controller needs."""
         return replace(self, joints=np.clip(self.joints, spec.lower, spec.upper))
 
     def in_frame(self, frame: PalmFrame) -> Grasps:
-        """The same with the hand's poses in another of its frames; nothing is rounded where it is that one already."""
+        """Copy with the hand's poses in another of its frames; nothing is rounded where it is that one already."""
         if frame == self.frame:
             return self
         turn = quaternion_product(np.array(self.frame.palm), quaternion_conjugate(np.array(frame.palm)))

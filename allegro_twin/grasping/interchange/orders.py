@@ -39,7 +39,7 @@ def joint_orders(spec: HandSpec) -> dict[str, tuple[int, ...]]:
 
 
 def _servo_ids(spec: HandSpec) -> tuple[int, ...]:
-    """Of a hand whose joints have a servo each: their ids, in the spec's order; else empty."""
+    """Servo ids in the spec's order, for a hand whose joints have a servo each; else empty."""
     path = data_root() / "conf" / "hands" / f"{spec.model}.yaml"
     servos = read_yaml(path).get("servos") if path.is_file() else None
     ids = servos.get("ids", ()) if isinstance(servos, Mapping) else ()

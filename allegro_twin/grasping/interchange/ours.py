@@ -24,7 +24,7 @@ class StagePose(Settings):
     """One posture and where the hand then is."""
 
     pose: Pose
-    """Of `frame` in the world of `object_pose`: position, m; w, x, y, z."""
+    """Pose of `frame` in the world of `object_pose`: position, m; w, x, y, z."""
     angles: Angles
 
 
@@ -48,7 +48,7 @@ class YamlGrasps(Settings):
     """The model of hand that they are of; None: the one that they are read for."""
     side: Side = "right"
     frame: str = PALM.name
-    """Of the hand: `palm`, ours, or `menagerie`."""
+    """Frame of the hand: `palm`, ours, or `menagerie`."""
     grasps: tuple[YamlGrasp, ...]
 
 
@@ -72,7 +72,7 @@ def read_yaml_grasps(path: Path, spec: HandSpec) -> Grasps:
 
 
 def write_yaml_grasps(path: Path, grasps: Grasps) -> None:
-    """The same to the last bit when it is read again. Raises RecordingError."""
+    """Write grasps to a file; read again they are the same to the last bit. Raises RecordingError."""
     content = {
         "object": grasps.object,
         "hand": grasps.spec.model,

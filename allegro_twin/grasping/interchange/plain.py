@@ -165,8 +165,8 @@ class _Unpickler(pickle._Unpickler):
 
 
 def to_plain(value: object, within: int, done: dict[int, Any]) -> Any:
-    """The same with arrays for their stand-ins, in containers too; `done`: what was made of each object, by its id, for
-    few bytes can hold the same list within itself so often that going through it would never end."""
+    """Copy with arrays for their stand-ins, in containers too; `done`: the copy of each object, by its id, for few
+    bytes can hold the same list within itself so often that going through it would never end."""
     if within > _DEEPEST:
         raise RecursionError(f"containers in containers, more than {_DEEPEST} deep")
     if id(value) not in done:

@@ -30,9 +30,9 @@ _YAML = (".yaml", ".yml")
 def read_grasps(path: Path, spec: HandSpec, *, order: Order = None, frame: str | None = None) -> Grasps:
     """DexGraspBench, BODex, Dexonomy or DexGraspNet `.npy`, or our YAML.
 
-    `order`: of the joints in a file without names, one of `orders.orders`. `frame`: of the hand, `palm` or `menagerie`,
-    where it is another than the format's own. Raises ConfigError, in a line, also for a file that says that it is of
-    another hand.
+    `order`: order of the joints in a file without names, one of `joint_orders`. `frame`: frame of the hand, `palm`
+    or `menagerie`, where it is another than the format's own. Raises ConfigError, in a line, also for a file that
+    says that it is of another hand.
     """
     if frame is not None and frame not in FRAMES:
         raise ConfigError(unknown("frame", frame, FRAMES))
@@ -53,7 +53,7 @@ class OwnHand(NamedTuple):
     named: bool
     """Its joints have names, which no other hand has."""
     frame: str | None
-    """Of the palm's pose, where the file says it or its format has one for every hand."""
+    """Frame of the palm's pose, where the file says it or its format has one for every hand."""
 
 
 def own_hand(path: Path) -> OwnHand:

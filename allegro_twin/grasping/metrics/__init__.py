@@ -1,5 +1,4 @@
-"""How good a grasp is by its contacts alone: pure functions of arrays, in docs/reference/grasp_metrics.md with their
-equations.
+"""Grasp metrics from contacts alone: pure functions of arrays; equations in docs/reference/grasp_metrics.md.
 
 What is named here is loaded when it is first asked for.
 """

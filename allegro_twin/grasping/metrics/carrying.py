@@ -1,4 +1,4 @@
-"""What it takes to carry a load: normal forces, and torque of the joints."""
+"""Load carrying: normal forces and joint torques that carry a load."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class JointEffort(NamedTuple):
     """The least that the joints have to give."""
 
     share: float
-    """Of its limit, by the joint that is worst off; inf where no torque carries the load."""
+    """Share of its limit that the most loaded joint gives; inf where no torque carries the load."""
     torque: Vector
-    """Of the hand on the object, (n,), N·m; NaN where none does."""
+    """Torques of the hand on the object, (n,), N·m; NaN where none carries it."""
     normal_force: Vector
     """At each contact, (k,), N."""
 

@@ -1,4 +1,4 @@
-"""Where a hand touches an object, and every wrench that it can put on it there.
+"""Contacts of a hand on an object, and the wrenches that it can apply there.
 
 A wrench is a force (N) and a torque about the object's centre of mass divided by a length (N): dividing is what makes
 forces and torques comparable, so a figure that mixes them means nothing without its length.
@@ -17,7 +17,7 @@ from allegro_twin.types import Array, Vector, frozen
 
 Indices: TypeAlias = NDArray[np.int_]
 EDGES = 8
-"""Of the pyramid that stands for a friction cone, by default; as in DexGraspBench's Q1."""
+"""Default number of edges of the pyramid that stands for a friction cone; as in DexGraspBench's Q1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,14 +100,14 @@ def cone_forces(touch: Contacts, edges: int = EDGES) -> tuple[Array, Array, Indi
 
 
 def cone_wrenches(touch: Contacts, edges: int = EDGES) -> Array:
-    """The same as wrenches on the object, (g, 6): force, N; ((p − c) × f + m) / length, N."""
+    """Extreme wrenches of every contact's cone on the object, (g, 6): force, N; ((p − c) × f + m) / length, N."""
     force, moment, owner = cone_forces(touch, edges)
     arm = touch.points[owner] - touch.centre
     return np.hstack([force, (cross_product(arm, force) + moment) / touch.length])
 
 
 def cross_product(first: Array, second: Array) -> Array:
-    """Of rows, (k, 3), as `np.cross`, which takes five times as long for a few of them."""
+    """Cross product of rows, (k, 3), as `np.cross`, which takes five times as long for a few of them."""
     (x, y, z), (u, v, w) = first.T, second.T
     found: Array = np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=1)
     return found

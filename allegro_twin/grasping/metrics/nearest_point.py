@@ -16,7 +16,7 @@ from allegro_twin.types import Array, Vector
 _EXACT = 1e-8
 """What equations may leave over, of 1, before they are solved by least squares."""
 _GAP, _STEPS = 1e-14, 500
-"""Of the largest square seen: how much nearer the nearest can still be when the search ends; and steps at most."""
+"""Share of the largest square by which the nearest point may still come nearer when the search ends; most steps."""
 
 
 def nearest_point(farthest: Callable[[Vector], Vector], dimension: int) -> Vector:

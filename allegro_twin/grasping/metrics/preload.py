@@ -1,4 +1,5 @@
-"""How much of its motors a hand needs to carry loads: by the squeeze that springs answer from, and by limit analysis.
+"""Preload of a grasp: the share of its motors that a hand needs, by the springs of the squeeze and by limit
+analysis.
 
 Both are quadratic programs over forces in the friction cones. What holds in fact is between them: a contact that slips
 hands its load on to others, as limit analysis has it, but joints are springs, and give no other torque than theirs.
@@ -16,7 +17,7 @@ from allegro_twin.grasping.metrics.contacts import Contacts, cross_product
 from allegro_twin.types import Array, Vector
 
 FACETS = 6
-"""Of the pyramid inside a friction cone."""
+"""Facets of the pyramid inside a friction cone."""
 _TIES = 1e-7
 """ε, 1/N²: so little that shares are the least ones within 1e-5, and enough for one answer where many are equal."""
 _UNBOUNDED = 1e30
@@ -29,11 +30,11 @@ class Preload(NamedTuple):
     """What the motors give before the load comes."""
 
     share: float
-    """Of its limit, by the joint that is worst off under the worst load; inf where none will do."""
+    """Share of its limit that the most loaded joint gives under the worst load; inf where no preload carries it."""
     torque: Vector
     """(n,), N·m; NaN where none will do."""
     force: Array
-    """Of the hand on the object, at each contact, (k, 3), N."""
+    """Force of the hand on the object at each contact, (k, 3), N."""
 
 
 class GripForces:

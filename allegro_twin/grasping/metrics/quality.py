@@ -33,11 +33,11 @@ def import_scipy(name: str) -> ModuleType:
 
 
 _FLAT = 1e-7
-"""Of the largest extent: a hull that is thinner in some direction has no inside."""
+"""Share of the largest extent: a hull that is thinner in some direction has no inside."""
 
 
 class GraspQuality(NamedTuple):
-    """Of the convex hull of 0 and the primitive wrenches."""
+    """Quality of a grasp: measures of the convex hull of 0 and the primitive wrenches."""
 
     epsilon: float
     """N: the largest wrench that can be resisted in every direction with normal forces of 1 N in all; 0 without force
@@ -53,7 +53,7 @@ def grasp_quality(touch: Contacts, edges: int = EDGES) -> GraspQuality:
 
 
 def wrench_quality(points: Array) -> GraspQuality:
-    """The same of primitive wrenches, (g, 6), N."""
+    """Quality of primitive wrenches, (g, 6), N."""
     if rank(points) < 6:
         return GraspQuality(0.0, 0.0)
     hull = import_scipy("spatial").ConvexHull(np.vstack([np.zeros(6), points]))

@@ -61,7 +61,7 @@ def contact_metrics(
 
 
 NAMES = ("fingers", "epsilon", "volume", "lp", "qp", "carry", "least_torque")
-"""Of `contact_metrics`; its `torque_share` is `least_torque` here, beside the share that was used."""
+"""Names of `contact_metrics`; its `torque_share` is `least_torque` here, beside the share that was used."""
 
 
 def trial_metrics(trial: Trial, data: Any) -> dict[str, float]:

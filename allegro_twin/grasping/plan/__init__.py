@@ -1,1 +1,1 @@
-"""From an object to ranked grasps: geometry proposes, physics closes the hand, the project's own trial confirms."""
+"""Grasp search for an object: geometry proposes, physics closes the hand, the project's own trial confirms."""

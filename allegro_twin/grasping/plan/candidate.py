@@ -27,9 +27,9 @@ class Candidate:
     """Where the palm is in the world, beside an object that stands at its place, and what the fingers do."""
 
     position: Array
-    """Of the palm's origin, (3,), m."""
+    """Position of the palm's origin in the world, (3,), m."""
     rotation: Array
-    """Of the palm, (3, 3); its x looks out of the palm, its z to the fingertips."""
+    """Rotation of the palm, (3, 3); its x points out of the palm, its z to the fingertips."""
     retreat: Array
     """From there to where the approach begins, (3,), m."""
     preshape: Vector
@@ -129,7 +129,7 @@ def object_symmetry(placed: PlacedObject) -> ObjectSymmetry:
 
 
 DIGITS = 4
-"""Of angles in rad and of lengths in m, as files have them: what is proven is what is written."""
+"""Decimal digits of angles in rad and of lengths in m in files: what is proven is what is written."""
 
 
 def candidate_scenario(candidate: Candidate, bench: GraspScene, scenario: Scenario) -> Scenario:
@@ -177,7 +177,7 @@ def round_vector(vector: Array) -> tuple[float, float, float]:
 
 
 SHARE = 0.9
-"""Of its torque limit that a joint holds with: what is left is for motion and for what the hand is not told."""
+"""Share of its torque limit that a joint holds with at most: the rest is for motion and unknown parameters."""
 
 
 def check_efforts(spec: HandSpec) -> None:

@@ -38,9 +38,9 @@ OPEN = 0.2
 SETTLING, LIFTING, TURNING = 0.25, 0.4, 1.1
 """s."""
 LIGHT, STRONG = 0.35, 1.0
-"""Of it that they squeeze with, at least and at most; drawn."""
+"""Least and greatest share of the torque limit that fingers squeeze with; drawn."""
 FIRM = 0.4
-"""Of its torque limit that the most loaded motor squeezes with at least, where forces are reckoned."""
+"""Least share of its torque limit that the most loaded motor squeezes with, where forces are computed."""
 HEIGHT = 0.06
 """m, of the lift."""
 DRIFT, ROTATION = 0.012, 18.0
@@ -152,8 +152,8 @@ class _ClosingTrials(TrialLoop):
         self.began = pose_in_palm(*self.poses(np.arange(self.n)))
 
     def _torques(self) -> Array:
-        """Of the motors of all candidates, (n, joints), N·m: for the contacts that they have now; where these will not
-        do, for those that geometry had."""
+        """Torques of the motors of all candidates, (n, joints), N·m: for their present contacts; where these do not
+        suffice, for those of the geometry."""
         assert self.preload is not None
         found = np.zeros((self.n, self.bench.spec.n_joints))
         for row in self.running.tolist():
@@ -225,7 +225,7 @@ def _along(axis: int, by: float) -> Array:
 
 
 CAP = 0.45
-"""Of their torque limit that fingers close with."""
+"""Share of their torque limit that fingers close with."""
 OVER = 1.15
 """A position grasp is told to go so much further than the torque needs: contacts give."""
 SECONDS, RISE = 0.45, 0.1
@@ -239,7 +239,7 @@ class FingerGains:
     """What holds joints where they are told to be."""
 
     gains: Gains
-    """Of the controller, or of the loop that the hand closes."""
+    """Gains of the controller, or of the loop that the hand closes."""
     gravity: GravityTorque
 
 

@@ -25,7 +25,7 @@ from allegro_twin.hands.library.grasps import Grasp
 TRIALS = 8
 """At most: the first as it is, the second with joints limited, and others with all squeezed less."""
 BELOW = 0.98
-"""Of what is allowed that is aimed at, so that the next trial does not end just above it."""
+"""Share of the allowed value that is aimed at, so that the next trial does not end just above it."""
 
 
 class EasedGrasp(NamedTuple):

@@ -138,7 +138,7 @@ def score(row: Sequence[VariantResult], sustained: float = math.inf) -> float:
 METRES, TURN, JOINT, SQUEEZE = 0.004, np.radians(4.0), 0.05, 0.35
 """How far the first round looks: m, rad, rad, and the logarithm of a factor (standard deviations)."""
 NARROWER = 0.7
-"""Of that in each round after it."""
+"""Factor on the width of variations in each round after the first."""
 ELITE, EASED = 4, 2
 """How many the next round varies, and how many of them are tried with less squeeze, too."""
 FINAL = 4
@@ -157,7 +157,8 @@ class ImprovementResult:
     comparison: PairedCounts
     """The first is the version before."""
     hottest: tuple[tuple[str, float], tuple[str, float]]
-    """Of either, in the whole trial without a draw: the joint that sustains most, and the share of its limit."""
+    """Hottest joint of either version in the whole trial without a draw, and the share of its limit that it
+    sustains."""
 
 
 @dataclass(slots=True)
@@ -230,7 +231,7 @@ class GraspImprovement:
         return GraspVariant(version.scenario, eased.grasp) if eased.within(self.sustained) else None
 
     def _eased(self, versions: list[GraspVariant]) -> list[GraspVariant]:
-        """The same grasps with no more squeeze than they need where nothing is amiss."""
+        """Reduce the squeeze of each version to what it needs where nothing is amiss."""
         rules = load_protocol("quick")
         bench = TrialRunner(self.spec, period=rules.period or PERIOD, threads=0 if self.at_once == 1 else 1)
         cases = [TrialCase(v.scenario, v.grasp, None, rules, self.folder) for v in versions]

@@ -1,4 +1,4 @@
-"""What lies too flat to be grasped is pushed over the table's edge first: from where, and to where."""
+"""Pushing of flat objects over the table's edge before a grasp: start and end of the push."""
 
 from __future__ import annotations
 

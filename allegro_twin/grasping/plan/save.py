@@ -1,4 +1,4 @@
-"""What was found, as files that run: a scenario each, and the grasp that it names."""
+"""Files of found grasps: a scenario for each, and the grasp that it names."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def describe(planned: PlannedGrasp, spec: HandSpec) -> str:
 
 
 def make_proof(planned: PlannedGrasp, uncertainty: Uncertainty) -> PlanRecord:
-    """The same for programs; of nothing judged, an interval that says nothing."""
+    """Record of a grasp's validation for programs; without draws, an interval that says nothing."""
     protocol = load_protocol(planned.scenario.protocol)
     low, high = wilson(planned.judged_held, planned.judged)
     return PlanRecord(

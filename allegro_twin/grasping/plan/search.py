@@ -1,4 +1,4 @@
-"""From proposals to grasps that hold: rounds of guessing, of closing in physics, of draws, and of whole trials."""
+"""Grasp search: rounds of proposals, closing in physics, draws and whole trials."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class RoundSize:
 
 
 TRIES = 400
-"""Batches of guesses for a round at most, of `poses.BATCH` each: where the object leaves the hand little room."""
+"""Most batches of guesses in a round, `propose.BATCH` each: reached where an object leaves the hand little room."""
 
 
 USUAL = 5
@@ -88,7 +88,7 @@ LEAST, IN_HAND = 4, 0.5
 of the time that is left, what such a round is planned for: what held before goes on under draws, whatever the round's
 size."""
 EVOLVING = 0.4
-"""Of the time, that the first round proposes and evolves at most."""
+"""Share of the time that the first round proposes and evolves at most."""
 
 
 @dataclass(slots=True)
@@ -109,7 +109,7 @@ class _Clock:
         return self.spent + self.kept_back >= self.budget
 
     def part(self, round_: float, settling: float) -> float:
-        """Of a round that takes so many s, what fits in before settling, with a little in hand; at most all of it."""
+        """Share of a round of so many s that fits in before settling, with a little in hand; at most all of it."""
         return min(1.0, IN_HAND * (self.budget - self.spent - settling) / max(round_, 1e-9))
 
     def first_over(self) -> bool:
@@ -141,7 +141,7 @@ class GraspSearch:
     closed: int = 0
     """How many candidates rounds were made for, which physics has closed but where there were not so many."""
     counts: dict[int, int] = field(default_factory=dict)
-    """The same by seed, where several searches ran side by side."""
+    """Numbers of candidates by seed, where several searches ran in parallel."""
     cpu: float = 0.0
     """s that it took, of all processors together."""
     whole: float = math.nan
@@ -186,7 +186,7 @@ class GraspSearch:
 
 
 class _Candidates(NamedTuple):
-    """Of a round."""
+    """Candidates of a round."""
 
     candidates: list[Candidate]
     made_for: int

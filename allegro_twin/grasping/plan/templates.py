@@ -1,4 +1,4 @@
-"""What a search begins with: the pre-shapes of the library, and which way their fingers close."""
+"""Templates of a search: the pre-shapes of the library and the closing directions of their fingers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a candidate is worth: draws of what the hand is not told, and the whole trial; or pushes in the air."""
+"""Validation of a candidate: draws of unknown parameters and the whole trial, or pushes in the air."""
 
 from __future__ import annotations
 
@@ -30,7 +30,6 @@ from allegro_twin.hands.library.gains import load_gains, protocol_gains
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import is_of_type
 from allegro_twin.hands.library.taxonomy import ObservedType, claim_observed
-from allegro_twin.safety import is_too_fast
 from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.spec import HandSpec
 
@@ -47,7 +46,7 @@ class Squeeze(NamedTuple):
     factor: float = 1.0
     """On what the quick test had."""
     share: float = math.inf
-    """Of its torque limit that a joint holds with, at most."""
+    """Largest share of its torque limit that a joint holds with."""
     grip: LatchGrip | None = None
     """None: at a fixed posture."""
 
@@ -58,8 +57,9 @@ SQUEEZES = (Squeeze(1.2, SHARE), Squeeze(1.7))
 LATCHING = (
     Squeeze(1.2, 1.0, LatchGrip(kind="latch")), Squeeze(1.6, 0.7, LatchGrip(kind="latch")), Squeeze(1.0, SHARE)
 )  # fmt: skip
-"""The same where torques are reckoned. Fingers that latch press with what was reckoned, wherever they meet the object;
-what is heavy they may push aside while they close softly, and a fixed posture does not."""
+"""Squeezes among which draws choose where torques are computed. Fingers that latch press with what was computed,
+wherever they meet the object; what is heavy they may push aside while they close softly, and a fixed posture does
+not."""
 SPARE = 3
 """How many more than are asked for are varied."""
 SEARCHED = Uncertainty(position=0.005, torque=0.0)
@@ -90,7 +90,7 @@ class PlannedGrasp:
     """Draws that it was not chosen on, in the whole trial."""
     seed: int = 0
     candidates: int = 0
-    """Of the search that found it, and how many candidates physics closed there."""
+    """Seed of the search that found it, and number of candidates that physics closed there."""
     confirmed: bool | None = None
     """Whether the whole trial held; None: not tried."""
     sure: bool = False
@@ -98,8 +98,8 @@ class PlannedGrasp:
     margin: float = float("nan")
     stall: float = float("nan")
     sustained: float = float("nan")
-    """Of the whole trial: what was left of its limits, the share of its time that the most loaded joint spent at its
-    torque limit, and the share of its limit that the hottest joint sustains."""
+    """Loads in the whole trial: the margin that was left to its limits, the share of its time that the most loaded
+    joint spent at its torque limit, and the share of its limit that the hottest joint sustains."""
 
     def show(self, observed: ObservedType | None) -> None:
         """Its grasp is of the type that its contacts show, and claims no other."""
@@ -225,7 +225,7 @@ class GraspValidator:
             found = [next(verdicts) for _ in range(count)]
             option.held += sum(verdict.held for verdict in found)
             option.tried += count
-            self.drawn["too fast"] += sum(is_too_fast(verdict.stopped) for verdict in found)
+            self.drawn["too fast"] += sum(verdict.too_fast for verdict in found)
         self._spent("draws", len(trials), began)
 
     def _spent(self, what: str, trials: int, began: float) -> None:

@@ -42,7 +42,7 @@ class MountCameraSettings(Settings):
 
 
 class LoadSettings(Settings):
-    """The load that the arm compensates; `arm.tool.identified` measures it by poses."""
+    """Load on the flange that the arm compensates; `weigh_tool` measures it from several poses."""
 
     mass: Positive
     """kg."""

@@ -307,7 +307,7 @@ def _no_posture(x: float, y: float, z: float, angle: float) -> list[Posture]:
 
 
 def _wrap(angle: float, low: float, high: float) -> float:
-    """The same angle within π of the middle of its range."""
+    """Equivalent angle within π of the middle of its range, rad."""
     return FLOATS.wrap(angle, (low + high) / 2)
 
 

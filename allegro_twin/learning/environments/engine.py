@@ -212,7 +212,7 @@ class EpisodeEngine:
         return xp.minimum(xp.maximum(xp.asarray(action, np.float64), -1.0), 1.0)
 
     def fetch(self, tree: Any) -> Any:
-        """Arrays as NumPy arrays, as `array_api.fetched`."""
+        """Arrays as NumPy arrays, as `array_api.fetch`."""
         return tree if self.worlds.xp is np else fetch(tree)
 
     def step(self, action: NDArray[np.floating[Any]], rows: Rows | None = None) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,8 @@ from allegro_twin.errors import CommandError, HandFault
 from allegro_twin.learning.environments.engine import EpisodeEngine
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.policy.interface import Observation
+from allegro_twin.learning.tasks.scenes import THING
+from allegro_twin.sim.model.appearance import scene_appearance
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Command, HandState, Vector, frozen
 
@@ -158,3 +161,35 @@ class EpisodeBackend:
 
     def _gravity(self) -> Array:
         return np.full(3, math.nan)  # The environments' palms report no gravity, and policies need none.
+
+
+class EpisodeScene:
+    """What is seen of an episode: its palm, its object, and an orientation that is the object's goal.
+
+    It begins the episode, since sizes and places are drawn with it; the next reset draws the same.
+    """
+
+    def __init__(self, episode: EpisodeBackend) -> None:
+        episode.reset()
+        self._task = episode.engine.task
+        self._scene = self._task.worlds.snapshot(0)
+        self._palm = self._scene.model.body(episode.spec.root).id
+        self._moves = bool(self._scene.model.body_weldid[self._palm])
+        things = () if self._task.thing is None else (THING,)
+        self.appearance: Mapping[str, Any] = scene_appearance(self._scene.model, episode.spec, things)
+        """As the metadata of a recording have it."""
+
+    def poses(self) -> dict[str, Vector]:
+        """`palm`, `object` where there is one, and `object_goal`, beside the hand, where its goal is an orientation:
+        position, m, and quaternion w x y z, in the world, (7,) each."""
+        found = {"palm": self.palm_pose()}
+        if self._task.thing is not None:
+            found["object"] = self._task.thing.pose[0].copy()
+        if self._task.goal_is_orientation:
+            found["object_goal"] = np.array(self._task.marks(0)[0].pose)
+        return found
+
+    def palm_pose(self) -> Vector:
+        """(7,)."""
+        scene = self._task.worlds.snapshot(0, self._scene) if self._moves else self._scene
+        return np.concatenate([scene.data.xpos[self._palm], scene.data.xquat[self._palm]])

@@ -68,7 +68,7 @@ _ORDER = (*CORE, "load_friction", *PARASITIC[:4], "warmth", *PARASITIC[4:], *RIP
 _KEYS = ("date", "program", "engine", "recordings", "scale", "friction", "backlash", "units", "per_pwm", "value",
          "interval", "correlation", "not_determined", "residual", "noise", "encoder_offset", "written",
          "kept_back")  # fmt: skip
-"""Of the block `identified`, in every format that `identify` has written."""
+"""Keys of the block `identified`, in every format that `identify` has written."""
 _NAMES = ("torque_constant", "armature", "damping", "frictionloss", "offset", *(each.name for each in fields(Drive)))
 _WRITTEN = ("nominal", "determined", "all")
 _BEYOND = 10.0

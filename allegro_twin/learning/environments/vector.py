@@ -110,7 +110,7 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
 
     @property
     def _keywords(self) -> dict[str, Any]:
-        """Of its own, those that decide episodes."""
+        """Keywords of the environments that decide episodes."""
         return {"autoreset_mode": self._mode.name.lower(), "max_episode_steps": self.limit}
 
     def reset(

@@ -22,7 +22,7 @@ class MpcMemory(NamedTuple):
     memory: InterfaceMemory
     set_points: DecisionSetPoints
     action: Array
-    """Of the present decision, (joints,)."""
+    """Action of the present decision, (joints,), in [-1, 1]."""
     age: int
     """Control periods since the last decision."""
     tick: int

@@ -44,7 +44,7 @@ class PlanCosts:
             self._axis = rotate_vectors(pose[None, 3:] * np.array([1.0, -1.0, -1.0, -1.0]), _UP[None])[0]
 
     def __call__(self) -> Array:
-        """Of every simulation after its last step, (n,), 1/s."""
+        """Cost of every simulation after its last step, (n,), 1/s."""
         chosen, task = self.settings, self._engine.task
         worlds = task.worlds
         found: Array = np.zeros(worlds.n)

@@ -33,7 +33,7 @@ class Plan(NamedTuple):
     """What one search has found."""
 
     actions: NDArray[np.float32]
-    """Of the decisions of the horizon, (decisions, joints), in [-1, 1]."""
+    """Actions of the decisions of the horizon, (decisions, joints), in [-1, 1]."""
     value: float
     """J of the best sample."""
 
@@ -65,11 +65,11 @@ class SamplingMpc:
         self._spread: Array = np.full_like(self._mean, self.settings.spread)
         self._last: Array = np.zeros(self._joints)
         self._rest: Array | None = None
-        """Of the last plan, (decisions, joints): no spline has it, for knots lie elsewhere."""
+        """Actions of the last plan, (decisions, joints): no spline has them, for knots lie elsewhere."""
         self._kept: Array = np.zeros((0, *self._mean.shape))
         self._begun = False
         self._place, self.searches = 0, 0
-        """Of the next decision in the present plan; searches since the beginning."""
+        """Place of the next decision in the present plan; searches since the beginning."""
 
     def plan(self, state: EpisodeState) -> NDArray[np.float32]:
         """The next action from a saved state of the episode, (joints,), in [-1, 1]: of a new plan, or where `every` is

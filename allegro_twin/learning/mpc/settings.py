@@ -24,7 +24,7 @@ class CostSettings(Settings):
     """Joints near an end of their range: of each joint (1 - d / margin)², for d < margin, d its distance from the
     nearer end in parts of its range; summed."""
     margin: Annotated[float, Field(gt=0, le=0.5)] = 0.1
-    """Of `ends`, in parts of a joint's range."""
+    """Margin of the term `ends`, as a share of a joint's range."""
     posture: Weight = 0.0
     """Distance from the joints' positions at the beginning, in parts of their ranges, squared; summed."""
     effort: Weight = 0.0
@@ -32,7 +32,7 @@ class CostSettings(Settings):
     place: Weight = 0.0
     """Distance of the object from where it began, over `far`, squared: it falls long before it is lost."""
     far: Positive = 0.02
-    """Of `place`, m."""
+    """Distance of the term `place`, m."""
     lean: Weight = 0.0
     """1 - cosine of the angle between the vertical and that axis of the object which was vertical at the beginning."""
     grip: Weight = 0.0
@@ -50,11 +50,11 @@ class MpcSettings(Settings):
     hold: Annotated[float, Field(ge=0)] = 0.36
     """s after the horizon without any action, in which a plan that ends in a bad hold shows it."""
     knots: Annotated[int, Field(ge=2)] = 4
-    """Of the spline, over the horizon; between them it is linear."""
+    """Knots of the spline over the horizon; between them it is linear."""
     every: Annotated[int, Field(ge=1)] = 1
     """Decisions from one plan to the next, in lockstep; those between follow the plan."""
     iterations: Annotated[int, Field(ge=1)] = 2
-    """Of the search in each decision."""
+    """Iterations of the search in each decision."""
     spread: Positive = 0.4
     """Largest standard deviation of samples, in parts of an action's range."""
     narrowest: Positive = 0.05
@@ -100,7 +100,7 @@ class PoseCamera(Settings):
     period: Positive = 0.03
     """Between two pictures, s."""
     delay: Weight = 0.0
-    """Of a picture, s; the pose is carried on by as much."""
+    """Delay of a picture, s; the pose is carried on by as much."""
     noise: Weight = 0.0
     """Standard deviation along each axis, m."""
     turn: Weight = 0.0

@@ -202,7 +202,7 @@ class Interface:
     history: int = 1
     """Decisions in an observation: this one and those before."""
     xp: Any = np
-    """Array library: `numpy`, or `array_api.Tensors`; then every array here is a tensor."""
+    """Array library: `numpy`, or `array_api.TensorNamespace`; then every array here is a tensor."""
 
     def __post_init__(self) -> None:
         if self.mode not in MODES:

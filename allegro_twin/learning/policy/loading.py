@@ -64,7 +64,7 @@ def policy_controller(
 
 
 PARTS = ("observation", "achieved_goal", "desired_goal", "state")
-"""Of an observation, by name. Pictures come besides."""
+"""Parts of an observation, by name. Pictures come besides."""
 _FLOATS = "tensor(float)"
 
 

@@ -44,7 +44,7 @@ class TaskScene:
     grasp: Grasp
     model: mujoco.MjModel
     pose: Vector
-    """Of the object, position and quaternion in the world, (7,), m."""
+    """Pose of the object in the world: position, m, and quaternion w, x, y, z, (7,)."""
     retreat: Vector
     """From the place of the grasp to where the palm waits, relative to the object, (3,), m, world axes."""
 
@@ -122,8 +122,8 @@ FACING = quaternion_facing((0, 0, 1), (1, 0, 0))
 
 @cache
 def palm_height(spec: HandSpec) -> float:
-    """Of the palm's surface above the palm's origin in the upturned hand, m: the top of what the palm's body has for
-    contacts."""
+    """Height of the palm's surface above the palm's origin in the upturned hand, m: the top of the palm's contact
+    shapes."""
     return top_of_palm(compile_scene(spec, Stage(np.zeros(3), FACING, [])), spec)
 
 

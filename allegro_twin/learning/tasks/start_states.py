@@ -82,7 +82,7 @@ class StartStateSearch:
     """From the palm outward."""
     thumb: tuple[tuple[float, float], ...] = ((0.7, 1.39), (0.4, 1.16), (0.0, 1.3), (-0.1, 1.0))
     spread: float = 0.15
-    """Of a finger from the others."""
+    """Range of a finger's spread about the others, rad."""
     squeeze: tuple[float, float] = (0.05, 0.30)
     press: tuple[float, float] = (0.0, 0.25)
     """Beyond the posture: of the fingers' base joints, and of the thumb's two."""
@@ -337,11 +337,11 @@ ANYHOW = StartStateSearch()
 FINGERTIPS = StartStateSearch(below=(-0.02, 0.01), tips=3)
 """Three fingertips or four, the thumb's among them, and nothing else."""
 CRADLE = CradleSearch(tips=3)
-"""The same, with the object on them."""
+"""Search for states with the object on three fingertips or more."""
 ALL = StartSet(20260101, 1024, ((0.9, 1.1),))
-"""Of `ANYHOW`."""
+"""Start states of `ANYHOW`."""
 TRAIN = StartSet(20260101, 512, ((0.9, 1.1),))
-"""Of `FINGERTIPS`, for trainings."""
+"""Start states of `FINGERTIPS`, for trainings."""
 TEST = StartSet(20260102, 256, ((0.85, 0.9), (1.1, 1.15)))
 """For tests: no state of a training, and of sizes that no training has."""
 NOISE_JOINT, NOISE_PLACE, SHAKES = 0.02, 0.001, 4
@@ -349,7 +349,7 @@ NOISE_JOINT, NOISE_PLACE, SHAKES = 0.02, 0.001, 4
 MOST, HOPELESS = 200, 4
 """Batches, after which a search that finds too little ends, and one that has found nothing."""
 OPPOSED_MOST = 16
-"""The same as the first for a hand of which little is known: some minutes."""
+"""Most batches of the first search for a hand of which little is known: some minutes."""
 TOLD, FIRST_TOLD = 8, (2, 4)
 """Batches from one line on a search's progress to the next, some 16 s of two cores; and after which there are such
 lines in the beginning."""
@@ -528,7 +528,7 @@ def _hand_fingerprint(spec: HandSpec) -> str:
 
 
 def _mirror(right: StartStates, spec: HandSpec) -> StartStates:
-    """The same states of the left hand."""
+    """Mirror the states, for the left hand."""
     pose = right.pose * (1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0)
     return StartStates(spec.mirror_posture(right.position), spec.mirror_posture(right.target), pose, right.size)
 

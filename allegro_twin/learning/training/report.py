@@ -89,8 +89,8 @@ def seeds_overlap(recipe: Recipe, seed: int, episodes: int) -> str:
 
 
 def as_shipped(settings: EnvSettings) -> EnvSettings:
-    """The same environments with default physics, on processors, without randomisation. Where training draws from a
-    twin these do, too: that hand is what the policy is for."""
+    """Settings with default physics, on processors, without randomisation. Where training draws from a twin these do,
+    too: that hand is what the policy is for."""
     own = ("timestep", "noslip", "coarse", "randomise", "device")
     given = {name: value for name, value in env_keywords(settings).items() if name not in own}
     if (twin := settings.randomise.twin) is not None:

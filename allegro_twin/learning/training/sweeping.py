@@ -28,7 +28,7 @@ class Variant(NamedTuple):
     """One training of a sweep."""
 
     name: str
-    """Of its folder."""
+    """Name of its folder."""
     values: dict[str, Any]
     """By the keys of the sweep's file."""
     recipe: Recipe

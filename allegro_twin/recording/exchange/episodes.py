@@ -1,4 +1,4 @@
-"""What all data set formats share: the parts of an episode, and the way back to a recording."""
+"""Parts of an episode that all data set formats share, and the conversion back to a recording."""
 
 from __future__ import annotations
 

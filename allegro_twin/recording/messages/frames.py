@@ -27,7 +27,7 @@ class LinkFrame(NamedTuple):
     axis: Vector | None
     """Unit vector, (3,), in the child's frame; None: a fixed link."""
     joint: int
-    """Index in `spec.moving`; -1: none."""
+    """Index in `spec.all_joints`; -1: none."""
     slides: bool = False
     """Whether it moves along the axis, m, instead of about it, rad."""
 

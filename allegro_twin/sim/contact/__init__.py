@@ -1,1 +1,1 @@
-"""What touches what, how near, and where the hand could be."""
+"""Contacts, distances and reachable postures of a hand in a scene."""

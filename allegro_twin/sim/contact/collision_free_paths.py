@@ -1,4 +1,4 @@
-"""From where the fingers are to where they are wanted, without one meeting another."""
+"""Collision-free paths of the fingers from one posture to another."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _GIVES = 0.002  # m. So deep in each other parts may be asked to be: skin gives,
 _LEAST = 0.15  # s. A short leg in less than that would ask for more than the motors have.
 _CAREFUL = 1.5  # rad/s. Where fingers pass each other narrowly, or wait for each other: a fast one lags behind.
 _TOUCHING = 0.001  # m. A finger that has given up its torque may stand so far from what has stopped it.
-_WIDELY = 0.008  # m. As far as `sim.clearance` sees.
+_WIDELY = 0.008  # m. Distance up to which `self_clearance` looks.
 NEARLY = 0.002  # m. Of what stops a joint, where encoders and model are that far from the real fingertips.
 SHIFTED = 0.02
 """rad. A limp hand that moved by more while its way was sought needs another way."""

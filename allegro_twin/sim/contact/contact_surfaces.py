@@ -1,4 +1,4 @@
-"""Which surface of which digit bears on an object: fingertips, pads, sides, inner links, the palm."""
+"""Contact surfaces of each digit: fingertips, pads, sides, inner links, the palm."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
 SURFACES = ("tip", "pad", "inner", "side", "back", "palm")
-"""Of a digit's last link its end and its face; the face of the links before it; of any link a side or the back. The
-palm has one."""
+"""Surfaces that bear on an object: of a digit's last link the end (tip) and the face (pad); of the links before it the
+face (inner); of any link a side or the back; and the palm."""
 _TIP, _PAD, _INNER, _SIDE, _BACK, _PALM = range(len(SURFACES))
 _SIDEWAYS, _CAP = float(np.cos(np.radians(45.0))), float(np.cos(np.radians(60.0)))
-"""Of a normal with the last joint's axis, from which on a link bears with its side, and with the last link, from which
-on a digit bears with its tip: the cap of a round one, 60° about its end. Assumed."""
+"""Cosines of the angles within which a link bears with its side, between contact normal and last joint's axis, and a
+digit with its tip, between normal and last link: the cap of a round one, 60° about its end. Assumed."""
 
 
 class SurfaceForces(NamedTuple):
@@ -37,7 +37,7 @@ class DigitPose(NamedTuple):
     direction: Array
     """From each digit's root to its tip, (d, 3), unit."""
     length: Vector
-    """Of each digit along its links, (d,), m."""
+    """Length of each digit along its links, (d,), m."""
     straight: Vector
     """How far root and tip are apart, as a share of that length, (d,)."""
 
@@ -138,7 +138,7 @@ class SurfaceProbe:
 
 
 def box_edges(model: mujoco.MjModel, thing: str) -> Array:
-    """Of the box around an object's shapes in its own axes, (3,), m."""
+    """Edges of the box around an object's shapes, in the object's own axes, (3,), m."""
     body = model.body(thing).id
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for geom in np.flatnonzero(model.body_weldid[model.geom_bodyid] == body):

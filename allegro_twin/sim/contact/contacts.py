@@ -1,4 +1,4 @@
-"""Where a hand touches an object in a MuJoCo scene, contact by contact, as arrays that need no MuJoCo."""
+"""Contacts of a hand and an object in a MuJoCo scene, as arrays that need no MuJoCo."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ class SceneContacts:
     tangents: Array
     """(k, 3), unit, across the normals: MuJoCo's own."""
     force: Array
-    """Of the hand on the object, with friction, (k, 3), N; zero where the contact is not in the solver."""
+    """Contact force of the hand on the object, friction included, world frame, (k, 3), N; zero where the contact is not
+    in the solver."""
     depth: Vector
     """Penetration, (k,), m; below 0 where the bodies are near each other."""
     friction: Vector
@@ -35,7 +36,7 @@ class SceneContacts:
     torsion: Vector
     """Torsional, (k,), m; 0 where MuJoCo takes the contact as hard."""
     part: Indices
-    """Number in `sim.parts.part_names`: a finger or the palm, (k,)."""
+    """Index in `parts.part_names`, a finger or the palm, (k,)."""
     bodies: Indices
     """The hand's body at each contact, (k,)."""
     centre: Vector
@@ -83,7 +84,7 @@ class Obstruction(NamedTuple):
     depth: float
     """m."""
     body: str
-    """Of hand or arm."""
+    """Name of the body of hand or arm."""
     other: str
     """`STILL`: a table, or what else does not move."""
 
@@ -111,7 +112,8 @@ def obstructions(model: mujoco.MjModel, data: mujoco.MjData, spec: HandSpec, thi
 
 
 def contact_jacobians(model: mujoco.MjModel, data: mujoco.MjData, spec: HandSpec, touch: SceneContacts) -> Array:
-    """Of the hand at each contact, (k, 6, n): velocity, m/s, and spin, rad/s, in the world, for q̇ of its joints."""
+    """Jacobians of the hand at each contact, (k, 6, n): velocity, m/s, and angular velocity, rad/s, in the world per
+    q̇."""
     columns = [int(model.joint(name).dofadr[0]) for name in spec.joints]
     found = np.zeros((len(touch.points), 6, len(columns)))
     speed, spin = np.zeros((3, model.nv)), np.zeros((3, model.nv))

@@ -33,7 +33,7 @@ class TouchPoints(NamedTuple):
     depth: Array
     """How deep, (k,), m."""
     body: Indices
-    """Of the hand, (k,)."""
+    """Body of the hand at each contact, (k,)."""
 
 
 class GraspScene:
@@ -51,7 +51,7 @@ class GraspScene:
         self.body = int(model.body(self.name).id)
         self._posed = PostureMap(spec, model)
         self.motors = self._posed.motors
-        """Of every joint that moves the motor that moves it, (joints,)."""
+        """Motor that moves each moving joint, (joints,)."""
         self._wrist = [int(model.joint(name).qposadr[0]) for name in WRIST_JOINTS]
         self.part = body_parts(model, spec)[model.geom_bodyid]
         """Which part of the hand each geom belongs to; -1: none."""
@@ -67,7 +67,7 @@ class GraspScene:
 
     @property
     def mass(self) -> float:
-        """Of the object, kg."""
+        """Mass of the object, kg."""
         return float(self.model.body_mass[self.body])
 
     @property

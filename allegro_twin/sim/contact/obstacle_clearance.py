@@ -1,4 +1,4 @@
-"""What arm and hand come near to on their way: the table, the thing that was seen, each other."""
+"""Obstacle clearance of arm and hand on a path: to the table, the observed objects, and each other."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ class TableObject:
     extents: tuple[float, float, float]
     """The longer level one, the shorter level one, the height, m."""
     yaw: float
-    """Of the longer level one in the world, rad."""
+    """Yaw of the longer level edge in the world, rad."""
     position: Array
-    """Of the middle, (3,), m."""
+    """Middle in the world, (3,), m."""
     parts: tuple[TableObject, ...] = ()
-    """Of a compound, whose extents are those of the box around it: the solids that it consists of, in the world."""
+    """Solids of a compound in the world; the compound's extents are those of the box around them."""
 
     @property
     def solids(self) -> tuple[TableObject, ...]:

@@ -1,4 +1,4 @@
-"""What only a simulation knows: where the palm and an object are, and who presses how hard."""
+"""Ground truth of a simulation: poses of palm and object, and contact forces."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class _Contacts(NamedTuple):
     first: NDArray[np.bool_]
     """Where the object is the first of the two that touch, (k,)."""
     part: NDArray[np.int64]
-    """Of the hand, or negative, (k,)."""
+    """Part of the hand in each contact, (k,); negative for none."""
     on_table: bool
     local: Array
     """The force in each contact's own frame, (k, 3), N."""

@@ -1,4 +1,4 @@
-"""How far apart the parts of a hand are in a posture: its fingers, and its palm."""
+"""Self-clearance: distances between the fingers and the palm of a hand in a posture."""
 
 from __future__ import annotations
 

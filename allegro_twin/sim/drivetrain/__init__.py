@@ -1,1 +1,1 @@
-"""What is between a command and a joint: servos, tendons' lengths, friction, backlash."""
+"""Drivetrain between command and joint: servos, tendon lengths, friction, backlash."""

@@ -25,7 +25,8 @@ SMALLEST = 1e-4
 """rad: what a joint without any has in a model that has backlash. Less than the noise of most encoders."""
 _SPRING, _RATIO = 0.001, 0.1  # Impedance of a limit that is a spring; its damping, of critical.
 _SWIFTEST = 1.5
-"""Of a link on its teeth, (angular frequency · time step)², 4 being unstable: a lighter one has softer teeth."""
+"""Largest (angular frequency · time step)² of a link on its teeth, 4 being unstable: a lighter link has softer
+teeth."""
 _GREASE, _TEETH = 1e-4, 0.001  # N·m·s/rad between the teeth; s, how soft they are: twice a step of 0.5 ms.
 
 
@@ -62,7 +63,8 @@ def set_backlash(
 
 
 def allow_backlash(spec: HandSpec, joints: Sequence[int]) -> HandSpec:
-    """The same hand, some of whose joints can come loose while it moves: they have a play of SMALLEST until then."""
+    """Spec of the same hand in which some joints can come loose while it moves: they have a play of SMALLEST until
+    then."""
     drive = spec.drive or Drive.from_values({}, spec.n_joints)
     play = drive.backlash.copy()
     play[list(joints)] = np.maximum(play[list(joints)], SMALLEST)

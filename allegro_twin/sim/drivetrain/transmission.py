@@ -1,4 +1,4 @@
-"""How far motors have gone: what each has turned its joint by, or has drawn in of its tendon."""
+"""Transmission: the travel of each motor, as rotation of its joint or as drawn-in tendon."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class ActuatorLengths:
         return self._summed(qvel, self._dof)
 
     def jacobian(self, nv: int) -> Array:
-        """Of the positions by all speeds of a model, (n, nv)."""
+        """Jacobian of the motors' positions by all speeds of a model, (n, nv)."""
         found = np.zeros((len(self._coefficients), nv))
         found[:, self._dof] = self._coefficients
         return found
@@ -60,7 +60,7 @@ def sum_each(terms: Array) -> Array:
 
 
 def _over(model: mujoco.MjModel, actuator: int) -> dict[int, float] | None:
-    """Of the joints that an actuator's length is a sum of, how much each counts; None: of none."""
+    """Coefficients of the joints that sum up to an actuator's length, by joint; None where it is no such sum."""
     target, gear = int(model.actuator_trnid[actuator, 0]), float(model.actuator_gear[actuator, 0])
     if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
         return {target: gear}

@@ -27,9 +27,10 @@ ENGINE = f"mujoco {mujoco.__version__}"
 """What the figures of a simulation depend on."""
 _NO_WRIST = np.zeros((0, 6))
 Places: TypeAlias = slice | list[int]
-"""Of its joints in an array of the simulation."""
+"""Places of a device's joints in an array of the simulation."""
 _STIFFNESS, _DAMPING = 7.0, 0.6
-"""Of its joints, in their torque limits: N·m/rad and N·m·s/rad a N·m. OWN: a hand's weight moves it a millimetre."""
+"""Stiffness and damping of the wrist's servos per N·m of torque limit: N·m/rad and N·m·s/rad. OWN: a hand's weight
+moves it a millimetre."""
 
 
 class Push(NamedTuple):
@@ -240,7 +241,7 @@ class SimBackend:
             self.data.ctrl[self._motors] = 0.0
 
     def mass_of(self, body: str) -> float:
-        """Of a body of the scene, kg."""
+        """Mass of a body of the scene, kg."""
         return float(self.model.body_mass[self.model.body(body).id])
 
     def meta(self) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""What pressure sensors in the fingertips would read."""
+"""Simulated readings of pressure sensors in the fingertips."""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ class World:
             self.steps += 1
 
     def hash(self) -> str:
-        """Of the model as it is stepped."""
+        """Fingerprint of the model as it is stepped."""
         buffer = np.empty(mujoco.mj_sizeModel(self.model), np.uint8)
         mujoco.mj_saveModel(self.model, None, buffer)
         return hashlib.sha256(buffer.tobytes()).hexdigest()[:16]

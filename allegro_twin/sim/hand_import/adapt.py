@@ -119,7 +119,7 @@ def _to_radians(spec: mujoco.MjSpec) -> None:
 
 
 def take_out_gears(spec: mujoco.MjSpec) -> None:
-    """The same actuators without gears: positions are those of what they move, rad or m, and a motor's command is the
+    """Remove the gears of actuators: positions become those of the driven joint, rad or m, and a motor's command the
     torque or the force there, N·m or N."""
     for actuator in spec.actuators:
         gear = float(actuator.gear[0])

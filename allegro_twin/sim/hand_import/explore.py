@@ -1,4 +1,4 @@
-"""What an MJCF or a URDF says of the hand in it, and what it does when it is moved: enough for its card."""
+"""Exploration of an MJCF or a URDF: its contents, and its behaviour when moved; enough for the hand's card."""
 
 from __future__ import annotations
 
@@ -12,106 +12,13 @@ import mujoco
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.sim.drivetrain import lugre_friction
 from allegro_twin.sim.hand_import.adapt import PID_PLUGIN, WORLD, compile_model, read_mjcf, take_out_gears
-from allegro_twin.sim.hand_import.couplings import couplings, reachable_range
+from allegro_twin.sim.hand_import.couplings import couplings
 from allegro_twin.sim.hand_import.gains import BANDWIDTH, MotorJoint, motor_gains
+from allegro_twin.sim.hand_import.imported_motor import ImportedMotor, read_motors
 from allegro_twin.sim.hand_import.structure import FingerStructure, HandStructure, find_structure
 from allegro_twin.sim.hand_import.urdf import is_urdf, read_urdf, touching_note, touching_pairs
 from allegro_twin.types import Array
-
-UNKNOWN = "unknown"
-"""The effort of a motor whose file does not say it."""
-
-
-class ImportedMotor:
-    """One actuator, read. Raises ConfigError for one that nobody could command as a hand."""
-
-    def __init__(self, model: mujoco.MjModel, number: int, path: Path) -> None:
-        self.number, self.actuator = number, model.actuator(number).name
-        if not self.actuator:
-            raise ConfigError(f"{path}: actuator {number} has no name: give it one")
-        where, kind = f"{path}: actuator {self.actuator}", int(model.actuator_trntype[number])
-        target = int(model.actuator_trnid[number, 0])
-        on_tendon = kind == mujoco.mjtTrn.mjTRN_TENDON
-        if kind != mujoco.mjtTrn.mjTRN_JOINT and not on_tendon:
-            raise ConfigError(f"{where} acts on neither a joint nor a tendon")
-        if model.actuator_dyntype[number] != mujoco.mjtDyn.mjDYN_NONE:
-            raise ConfigError(f"{where} has dynamics of its own, which no command can stand for")
-        self.joint = None if on_tendon else target
-        """That it turns; None: it pulls a tendon."""
-        self.tendon = target if on_tendon else None
-        self.name = self.actuator if on_tendon else model.joint(target).name
-        gain, bias = float(model.actuator_gainprm[number, 0]), model.actuator_biasprm[number]
-        self.torque = not bias[:3].any()
-        if self.torque and on_tendon:
-            raise ConfigError(f"{where} pulls a tendon with a given force, and nobody would know where its joints are")
-        if not self.torque and bias[1] >= 0.0:
-            raise ConfigError(
-                f"{where} is no position servo: with kp {0.0 - bias[1]:g} nothing brings it to a place; a <position> "
-                "has a positive kp"
-            )
-        self.lower, self.upper = _span(model, number, target, on_tendon, self.torque, where)
-        self.effort = _effort(model, number, gain, self.torque)
-        """The most that it gives by the file; None: the file does not say it."""
-        self._gain, self._bias = gain, bias
-
-    def told(self, position: float) -> float:
-        """What a position servo is told to go to a position."""
-        return float(-(self._bias[0] + self._bias[1] * position) / self._gain)
-
-    def row(self) -> dict[str, Any]:
-        """Its row in the card."""
-        effort = UNKNOWN if self.effort is None else round(self.effort, 6)
-        numbers = {"lower": round(self.lower, 6), "upper": round(self.upper, 6), "effort": effort}
-        loop = {} if self.torque else {"stiffness": round(-float(self._bias[1]), 6)}
-        return {"name": self.name, "actuator": self.actuator} | numbers | loop
-
-
-def _span(
-    model: mujoco.MjModel, number: int, target: int, on_tendon: bool, torque: bool, where: str
-) -> tuple[float, float]:
-    """The range of what it moves, met with the range that its command can ask for."""
-    limited, span = (
-        (model.tendon_limited[target], model.tendon_range[target])
-        if on_tendon
-        else (model.jnt_limited[target], model.jnt_range[target])
-    )
-    commanded = not torque and bool(model.actuator_ctrllimited[number])
-    if not limited and not commanded:
-        raise ConfigError(f"{where}: neither it nor what it moves has a range: where may it go?")
-    lower, upper = (float(span[0]), float(span[1])) if limited else (-np.inf, np.inf)
-    if commanded:
-        gain, bias = float(model.actuator_gainprm[number, 0]), model.actuator_biasprm[number]
-        ends = -(bias[0] + gain * model.actuator_ctrlrange[number]) / bias[1]
-        met = max(lower, float(ends.min())), min(upper, float(ends.max()))
-        if met[0] >= met[1]:
-            raise ConfigError(
-                f"{where}: its range of control comes to {ends.min():g} … {ends.max():g}, and what it moves has the "
-                f"range {lower:g} … {upper:g}: they have nothing in common"
-            )
-        lower, upper = met
-    return lower, upper
-
-
-def _effort(model: mujoco.MjModel, number: int, gain: float, torque: bool) -> float | None:
-    """The most that it can give by the file: the smallest of its force range, its joint's force range, and, of a motor
-    that takes torques, its range of control. None: it has none of them."""
-    found = []
-    if model.actuator_forcelimited[number]:
-        found.append(float(np.abs(model.actuator_forcerange[number]).max()))
-    if torque and model.actuator_ctrllimited[number]:
-        found.append(float(np.abs(gain * model.actuator_ctrlrange[number]).max()))
-    if model.actuator_trntype[number] == mujoco.mjtTrn.mjTRN_JOINT:
-        joint = int(model.actuator_trnid[number, 0])
-        if model.jnt_actfrclimited[joint]:
-            found.append(float(np.abs(model.jnt_actfrcrange[joint]).max()))
-    else:
-        tendon = int(model.actuator_trnid[number, 0])
-        if model.tendon_actfrclimited[tendon]:
-            found.append(float(np.abs(model.tendon_actfrcrange[tendon]).max()))
-    return min((each for each in found if each > 0.0), default=None)
-
 
 _POINTS, _LOOKS, _LONGEST = 11, 0.1, 20.0  # Positions of a driven joint that are tried; s until a look whether all has
 _STILL = 1e-4  # come to rest, and s that it is given at most; rad/s or m/s of a joint at rest.
@@ -143,7 +50,7 @@ class ExploredHand(NamedTuple):
     """The model; of a URDF, with servos: to be written beside the card."""
     structure: HandStructure
     file: Path
-    """Of which it was read."""
+    """File that it was read from."""
 
 
 def explore_hand(
@@ -154,50 +61,12 @@ def explore_hand(
     `root`: the body that stands still; None: the one under the world that carries all motors. `palm`, `fingers`: what
     `find_structure` takes. Raises ConfigError for a file without a hand that can be driven.
     """
-    notes: list[str] = []
-    if is_urdf(path):
-        hand = read_urdf(path)
-        spec, notes = hand.spec, list(hand.notes)
-    else:
-        spec = read_mjcf(path)
-        if PID_PLUGIN in path.read_text():
-            notes.append("the PID plugin is read as position servos of its kp and kd: no integral, no slew")
-    for element in spec.keys:
-        spec.delete(element)
-    take_out_gears(spec)
-    try:
-        model = compile_model(spec)
-    except ValueError as error:
-        text = str(error).strip().splitlines()[0].removeprefix("Error: ")
-        way = "; names are relative to the model file and its `meshdir`" if "opening file" in text else ""
-        raise ConfigError(f"{path}: {text}{way}") from error
-    given = [
-        k
-        for k in range(model.nu)
-        if not lugre_friction.is_friction_only(model.actuator_gaintype[k], model.actuator_gainprm[k])
-    ]
-    if not given:
-        way = (
-            "no joint of it moves: a driven one is revolute, continuous or prismatic and has no <mimic>"
-            if is_urdf(path)
-            else "nothing in it can be driven; add an <actuator> with position servos, or take the hand's URDF"
-        )
-        raise ConfigError(f"{path} has no actuators: {way}")
+    spec, notes = _read(path)
+    model = _compiled(spec, path)
+    motors, more = read_motors(model, path)
+    notes += more
     structure = find_structure(model, path, root, palm, fingers)
     _check_names(model, structure, path)
-    motors = [ImportedMotor(model, k, path) for k in given]
-    _check_one_each(motors, path)
-    commands = {"torque" if motor.torque else "limited_position" for motor in motors}
-    if len(commands) > 1:
-        odd = next(motor for motor in motors if motor.torque != motors[0].torque)
-        takes = [f"{motor.actuator} takes {'a torque' if motor.torque else 'a position'}" for motor in (motors[0], odd)]
-        raise ConfigError(
-            f"{path}: {' and '.join(takes)}; a hand takes one of them: make all <motor>, or all <position>"
-        )
-    for motor in motors:
-        if motor.joint is not None:
-            motor.lower, motor.upper, note = reachable_range(model, motor.joint, motor.lower, motor.upper, path)
-            notes += [note] if note else []
     moves = _moved(model, motors)
     drives = [_driven_joints(model, motor) for motor in motors]
     ways = [_tip_paths(model, moves, k, structure) for k in range(len(motors))]
@@ -206,7 +75,7 @@ def explore_hand(
     touching = _touching(model, structure)
     if touching:
         notes.append(touching_note(touching))
-    torque = commands == {"torque"}
+    torque = motors[0].torque
     card: dict[str, Any] = {
         "mjcf": str(path),
         "root": structure.root,
@@ -231,6 +100,31 @@ def explore_hand(
     return ExploredHand(card, notes, spec, structure, path)
 
 
+def _read(path: Path) -> tuple[mujoco.MjSpec, list[str]]:
+    """The hand's model, without keyframes and gears, and notes on how it was read."""
+    notes: list[str] = []
+    if is_urdf(path):
+        hand = read_urdf(path)
+        spec, notes = hand.spec, list(hand.notes)
+    else:
+        spec = read_mjcf(path)
+        if PID_PLUGIN in path.read_text():
+            notes.append("the PID plugin is read as position servos of its kp and kd: no integral, no slew")
+    for element in spec.keys:
+        spec.delete(element)
+    take_out_gears(spec)
+    return spec, notes
+
+
+def _compiled(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
+    try:
+        return compile_model(spec)
+    except ValueError as error:
+        text = str(error).strip().splitlines()[0].removeprefix("Error: ")
+        way = "; names are relative to the model file and its `meshdir`" if "opening file" in text else ""
+        raise ConfigError(f"{path}: {text}{way}") from error
+
+
 def _check_names(model: mujoco.MjModel, structure: HandStructure, path: Path) -> None:
     """Raises ConfigError for a joint of the hand without a name."""
     for joint in range(model.njnt):
@@ -240,20 +134,9 @@ def _check_names(model: mujoco.MjModel, structure: HandStructure, path: Path) ->
             raise ConfigError(f"{path}: a joint of body {body.name or '(unnamed)'} has no name: give it one")
 
 
-def _check_one_each(motors: Sequence[ImportedMotor], path: Path) -> None:
-    """Raises ConfigError for a joint or a tendon that two motors drive."""
-    for k, motor in enumerate(motors):
-        for other in motors[:k]:
-            if (motor.joint, motor.tendon) == (other.joint, other.tendon):
-                what = "one tendon" if motor.joint is None else f"joint {motor.name}"
-                raise ConfigError(
-                    f"{path}: actuators {other.actuator} and {motor.actuator} both drive {what}: leave one of them"
-                )
-
-
 def measured_stiffness(hand: ExploredHand) -> dict[str, float]:
-    """Of each joint with a position servo, by its name, N·m/rad or N/m: how much less torque there is when it is moved
-    on by a little and all else stays, in the model as its file has it."""
+    """Stiffness of each joint with a position servo, by joint name, N·m/rad or N/m: the loss of torque per small motion
+    of that joint alone, in the model as its file has it."""
     path, found = hand.file, {}
     model = compile_model(read_urdf(path).spec if is_urdf(path) else read_mjcf(path))
     model.actuator_forcelimited[:] = model.jnt_actfrclimited[:] = 0

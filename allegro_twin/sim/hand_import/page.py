@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
-from allegro_twin.sim.hand_import.explore import UNKNOWN
+from allegro_twin.sim.hand_import.imported_motor import UNKNOWN
 
 
 def hand_page(name: str, source: str, card: Mapping[str, Any], notes: Sequence[str], film: bool) -> str:

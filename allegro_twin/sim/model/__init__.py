@@ -1,4 +1,4 @@
-"""From a hand's card to one MuJoCo model, and what can be asked of it.
+"""MuJoCo model of a hand, made from its card, and queries of it.
 
 What is named here is loaded when it is first asked for.
 """

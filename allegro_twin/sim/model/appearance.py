@@ -1,4 +1,4 @@
-"""What a compiled scene looks like, as plain shapes: so that a recording shows it without the files or MuJoCo."""
+"""Appearance of a compiled scene as plain shapes, so that a recording shows it without its files or MuJoCo."""
 
 from __future__ import annotations
 

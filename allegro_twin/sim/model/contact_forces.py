@@ -1,4 +1,4 @@
-"""What contacts of a scene exchange, of many at once."""
+"""Contact forces of a scene, of many scenes at once."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ _AXES = np.arange(3)
 
 
 def contact_forces(model: mujoco.MjModel, data: mujoco.MjData, contacts: Indices) -> Array:
-    """Of some contacts by their numbers, each along its normal and its two tangents, (k, 3), N; zero where one is not
-    in the solver. As `mj_contactForce`, of many at once."""
+    """Forces of contacts by number, along their normal and two tangents, (k, 3), N; zero where one is not in the
+    solver. As `mj_contactForce`, of many at once."""
     if model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL:
         found = np.zeros((len(contacts), 6))
         for row, index in zip(found, contacts.tolist(), strict=True):

@@ -23,9 +23,9 @@ _LOOK = ("_rgba", "_matid", "castshadow", "_pathadr", "texcoord", "texcoordadr",
 
 
 def model_fingerprint(model: mujoco.MjModel) -> str:
-    """Of all arrays, options and names of a compiled model but its colours, materials, lights and paths. What is left
-    out is listed, so that what a later MuJoCo adds counts. Floats count to single precision: compilers of two computers
-    differ in the last bits of a double."""
+    """Fingerprint of a compiled model: all arrays, options and names but colours, materials, lights and paths. What is
+    left out is listed, so that what a later MuJoCo adds counts. Floats count to single precision: compilers of two
+    computers differ in the last bits of a double."""
     found: dict[str, object] = {}
     for name in dir(model):
         value = getattr(model, name)
@@ -51,8 +51,8 @@ def _named(model: mujoco.MjModel) -> list[str]:
 
 
 def hand_fingerprint(spec: HandSpec) -> str:
-    """Of one hand: all that its spec says but how its motors warm, on which no simulation depends; its MJCF and the
-    URDF by which its own weight is carried. Where these files lie does not count. Raises ConfigError."""
+    """Fingerprint of a hand: its spec but for the heating of its motors, on which no simulation depends, its MJCF, and
+    the URDF that its own weight is carried by. The place of these files does not count. Raises ConfigError."""
     models = data_root() / "models"
     files = [models / "mjcf" / f"{spec.name}.xml", models / "urdf" / f"{spec.name}.urdf"]
     if spec.foreign is not None:

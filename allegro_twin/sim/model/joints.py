@@ -1,4 +1,4 @@
-"""Where a posture of the hand is in its simulation."""
+"""Joint addresses: where a posture of the hand is in its simulation's state."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class PostureMap:
         self.joints = [*driven.values(), *(int(model.joint(each.name).id) for each in spec.followers)]
         """All that move, by their number in the model: those that motors turn, then those that follow."""
         self.motors = np.array([*driven, *(each.driven for each in spec.followers)], dtype=np.int64)
-        """Of each of them the motor that moves it."""
+        """Motor that moves each of these joints."""
 
     def __call__(self, posture: Array, qpos: Array) -> None:
         """Write postures, (..., n), rad, into states, (..., nq)."""
@@ -58,7 +58,7 @@ def as_slice(indices: list[int]) -> slice | list[int]:
 
 
 class JointChange(NamedTuple):
-    """Of every joint; None: as it was."""
+    """Changed properties of every joint; None: unchanged."""
 
     damping: float | None = None
     """N·m·s/rad."""

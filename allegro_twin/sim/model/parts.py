@@ -1,4 +1,4 @@
-"""Which part of a hand a body is: one of its fingers, or the palm."""
+"""Parts of a hand: the finger, or the palm, that a body belongs to."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How contacts are solved: the settings that a verdict depends on, with the values that every scene has by default."""
+"""Physics settings of contacts, on which a verdict depends, with the defaults of every scene."""
 
 from __future__ import annotations
 

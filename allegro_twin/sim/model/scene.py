@@ -1,4 +1,4 @@
-"""From a hand and the things around it to one MuJoCo model, by edits of an MjSpec."""
+"""Scene compilation: one MuJoCo model of a hand and the objects around it, by edits of an MjSpec."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class TrayBox(NamedTuple):
     """Outer edges along x and y, m."""
     width: float
     height: float
-    """Of the walls, m."""
+    """Height of the walls, m."""
 
 
 TABLE_END = 0.45
@@ -53,7 +53,7 @@ class Stage:
     position: Array
     """Palm, or an arm's base, in the world, shape (3,), m."""
     quaternion: Array
-    """Likewise, w, x, y, z."""
+    """Orientation of the palm, or of an arm's base, in the world: w, x, y, z."""
     things: Sequence[PlacedObject] = ()
     friction: float = 0.8
     """Sliding friction of every contact."""
@@ -68,7 +68,7 @@ class Stage:
     wrist: bool = False
     """The palm hangs on a gantry that can move it, instead of being fixed."""
     slide: bool = False
-    """Of that gantry the palm has only the vertical slide."""
+    """Whether the palm's gantry has only the vertical slide."""
     presented: bool = False
     """Somebody holds the first thing, moves it and lets go of it."""
     physics: Physics = field(default_factory=Physics)

@@ -52,7 +52,7 @@ class WristSegment:
     shake: Array
     """Peak acceleration along each coordinate, one after the other, shape (6,), m/s² and rad/s²; zero for none."""
     frequency: float = 2.0
-    """Of the shake, Hz."""
+    """Frequency of the shake, Hz."""
 
 
 def add_wrist(spec: mujoco.MjSpec, palm: mujoco.MjsBody, joints: Sequence[str] = WRIST_JOINTS) -> None:

@@ -1,4 +1,4 @@
-"""What is grasped: meshes, primitives, the user's own; how it is presented, and how it looks.
+"""Objects to grasp: meshes, primitives and the user's own; their placement and appearance.
 
 What is named here is loaded when it is first asked for.
 """

@@ -47,12 +47,12 @@ class GraspObject:
     file: Path | None = None
     """For `mesh` and `mjcf`."""
     scale: float | None = None
-    """Of a mesh: the unit of the file, m; None: as the file or its size says."""
+    """Unit of a mesh's file, m; None: as the file or its size says."""
     collision: Collision = "pieces"
     """How a mesh collides: as what it is, in convex pieces, or as its hull."""
 
     stretch: float = 1.0
-    """Of a mesh: how much larger this one is. It is cut into pieces as it was before."""
+    """Factor by which a mesh is larger than its file's. It is cut into pieces as it was before."""
 
     def half_extents(self) -> Array:
         """Half-sizes of the bounding box in the object's own axes, shape (3,), m. Not for files."""
@@ -70,11 +70,11 @@ class GraspObject:
         raise ConfigError(f"object {self.name}: a {self.shape} has no size here; give its height with `at`")
 
     def mesh(self) -> Mesh:
-        """Of a mesh: its surface, or its hull's. Raises ConfigError."""
+        """Surface of a mesh, or its hull's. Raises ConfigError."""
         return self._mesh().times(self.stretch)
 
     def pieces(self) -> list[Mesh]:
-        """Of a mesh: the convex pieces that touch. Raises ConfigError."""
+        """Convex pieces of a mesh, which are its contact shapes. Raises ConfigError."""
         return [piece.times(self.stretch) for piece in convex_parts(self._mesh(), str(self.file))]
 
     def _mesh(self) -> Mesh:
@@ -88,7 +88,7 @@ class PlacedObject:
 
     thing: GraspObject
     position: tuple[float, float, float]
-    """Of the middle of its shape, world, m."""
+    """Middle of its shape in the world, m."""
     quaternion: tuple[float, float, float, float]
     """w, x, y, z."""
 

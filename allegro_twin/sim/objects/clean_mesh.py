@@ -52,7 +52,7 @@ TRIMMED = 0.995
 _TRIED = 250_000
 """Triangles of a surface that a deviation is measured to, at most: of a scan of millions one in several."""
 _SHELLS = 40
-"""Of one solid; more are a tangle, which is made anew."""
+"""Most shells of one solid; more are a tangle, which is made anew."""
 _TABLE = 0.25
 """m: a closed plate that is wider than that is no part of a thing for a hand."""
 _WALL = 0.002
@@ -81,13 +81,13 @@ class Report:
     scale: float
     """m."""
     extents: tuple[float, float, float]
-    """Of the result, m."""
+    """Extents of the result, m."""
     done: tuple[str, ...]
     """In words."""
     triangles: tuple[int, int]
     """Before and after."""
     points: int
-    """Of a cloud."""
+    """Number of points of a cloud."""
     volume: tuple[float, float]
     """Before and after, m³; NaN before where the surface encloses none."""
     deviation: float
@@ -139,7 +139,7 @@ def clean_mesh(path: Path, settings: ScanSettings = ScanSettings()) -> CleanMesh
 
 
 def make_clean(path: Path, settings: ScanSettings = ScanSettings()) -> CleanMesh:
-    """The same, made anew."""
+    """Make the solid that a scan shows, without the cache. Raises ConfigError."""
     scan = read_scan(path)
     return _close(path, scan, settings) if len(scan.faces) else _close_points(path, scan, settings)
 
@@ -187,7 +187,7 @@ def _close(path: Path, scan: Scan, settings: ScanSettings) -> CleanMesh:
 
 
 def checked(path: Path, made: CleanMesh, settings: ScanSettings) -> CleanMesh:
-    """The same. Raises ConfigError for one that deviates too much."""
+    """Return the solid, or raise ConfigError for one that deviates too much from its scan."""
     report = made.report
     if report.deviation > settings.tolerance:
         out = path.with_name(f"{path.stem}_clean.obj").name
@@ -356,7 +356,7 @@ def _largest(soup: Soup) -> Soup | None:
 
 
 def reduce_triangles(soup: Soup, smoothed: bool = True) -> Soup:
-    """The same surface, smoothed, with the least triangles of COUNTS that change it little."""
+    """Simplify a surface: smoothed, with the least triangles of COUNTS that change it little."""
     if len(soup.faces) <= COUNTS[2]:
         return soup
     smooth = fix.smooth(soup) if smoothed else soup

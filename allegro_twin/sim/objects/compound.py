@@ -17,7 +17,7 @@ _GEOMS = {
 }
 """The geom of a shape, and which of its half extents are its sizes."""
 _SMOOTH = (1e-5, 1e-5, 1e-5)
-"""Of two geoms that touch the rougher counts: the friction is that of the scene."""
+"""Friction of the pieces: of two geoms that touch the rougher counts, so the friction is that of the scene."""
 
 
 def write_compound(parts: Sequence[PlacedObject], path: Path) -> None:

@@ -30,7 +30,7 @@ T = TypeVar("T")
 log = logging.getLogger(__name__)
 
 CONVEX = 0.995
-"""Of its hull's volume: a solid that fills so much is taken as convex."""
+"""Share of its hull's volume from which a solid is taken as convex."""
 TOLERANCE = 0.001
 """m that pieces may stand out of the surface."""
 THRESHOLDS, MOST = (0.03, 0.015, 0.01), 40
@@ -86,7 +86,7 @@ def convex_parts(mesh: Mesh, what: str) -> tuple[Mesh, ...]:
 
 
 def _coarse(mesh: Mesh) -> Mesh:
-    """The same surface with at most CUT triangles, where it stays closed."""
+    """Simplify a surface to at most CUT triangles, where it stays closed."""
     if len(mesh.faces) <= CUT:
         return mesh
     fewer = fix.decimate_closed(fix.Soup(mesh.vertices, mesh.faces), CUT)

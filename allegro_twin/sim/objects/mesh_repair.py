@@ -17,27 +17,28 @@ if TYPE_CHECKING:
     import manifold3d
 
 WELD = 1e-6
-"""Of the size: vertices nearer than that are one."""
+"""Share of the size below whose distance vertices are one."""
 FLAT = 1e-5
-"""Of the size: a surface that is less deep encloses nothing."""
+"""Share of the size below whose depth a surface encloses nothing."""
 SEAM = 2e-4
 """m: vertices of open edges nearer than that are one."""
 FLECK = 0.01
-"""Of the largest part's area: a loose part below that is a fleck of the scan."""
+"""Share of the largest part's area below which a loose part is a fleck of the scan."""
 MANY, FEW = 400_000, 200_000
 """More triangles than that are decimated to so many before anything else."""
 OVERLAP = 0.003
-"""Of the volume: so much may be counted twice, or inside out, in what passes as one solid."""
+"""Share of the volume that may be counted twice, or inside out, in what passes as one solid."""
 SIDE = 0.3
-"""Of the whole area: a hole so large is the unseen side of a view from one side."""
+"""Share of the whole area from which a hole is the unseen side of a view from one side."""
 DOUBLE = 0.5
 """Share of faces that are there twice, seen from both sides, from which on a surface is a wall without thickness."""
 
 
 _CARE = 3
-"""Of the decimation, from 1 to 10, careful to hasty: at its usual 7 single vertices are off by a millimetre."""
+"""Aggressiveness of the decimation, from 1 to 10, careful to hasty: at its usual 7 single vertices are off by a
+millimetre."""
 _PASSES = 8
-"""Of the smoothing."""
+"""Passes of the smoothing."""
 
 
 class Soup(NamedTuple):
@@ -57,7 +58,7 @@ class Repair:
     largest_hole: float = 0.0
     """Its width, m."""
     hole_area: float = 0.0
-    """Of all, m²."""
+    """Area of all holes, m²."""
     inside: bool = False
     """Faces inside the solid are left out."""
     side: bool = False
@@ -74,12 +75,12 @@ class Repair:
 
 
 def areas(soup: Soup) -> Numbers:
-    """Of each triangle, m²."""
+    """Areas of the triangles, (m,), m²."""
     return np.asarray(np.linalg.norm(face_normals(soup), axis=1) / 2)
 
 
 def face_normals(soup: Soup) -> Numbers:
-    """Of each triangle, with twice its area as length, (m, 3), m²."""
+    """Normals of the triangles, with twice the area as length, (m, 3), m²."""
     a, b, c = (soup.vertices[soup.faces[:, k]] for k in range(3))
     return np.asarray(np.cross(b - a, c - a))
 
@@ -168,7 +169,7 @@ def decimate(soup: Soup, count: int) -> Soup:
 
 
 def decimate_closed(soup: Soup, count: int) -> Soup | None:
-    """The same, closed: parts that it made touch at an edge are apart again. None where it is no solid."""
+    """Simplify a closed surface, and separate parts that then touch at an edge. None where the result is no solid."""
     found = decimate(soup, count)
     solid = manifold_of(found)
     if solid is None or is_closed(found):
@@ -217,7 +218,7 @@ def _pairs(edges: _Edges) -> tuple[Numbers, Numbers]:
 
 
 def patches(soup: Soup) -> Numbers:
-    """Of each face, which part of the surface it belongs to: parts meet at most at edges of three faces or more."""
+    """Number of each face's part of the surface: parts meet at most at edges of three faces or more."""
     pairs, _ = _pairs(_edges(soup))
     return group(len(soup.faces), pairs)
 
@@ -298,7 +299,7 @@ def split(soup: Soup) -> Soup:
 
 
 def loose_parts(soup: Soup) -> Numbers:
-    """Of each face, which connected part it belongs to; parts do not share a vertex."""
+    """Number of each face's connected part; parts do not share a vertex."""
     a, b, c = soup.faces.T
     label = group(len(soup.vertices), np.concatenate([np.stack([a, b], 1), np.stack([b, c], 1)]))
     return np.unique(label[a], return_inverse=True)[1]
@@ -394,7 +395,7 @@ class Crossings(NamedTuple):
 
 
 def crossings(soup: Soup, axis: int, low: Numbers, step: float, shape: tuple[int, ...]) -> Crossings:
-    """Of the lines along `axis` through the nodes `low + step · (i, j, k)` of a grid."""
+    """Crossings of a surface with the lines along `axis` through the nodes `low + step · (i, j, k)` of a grid."""
     u, v = (axis + 1) % 3, (axis + 2) % 3
     flat = (soup.vertices[:, [u, v]] - low[[u, v]]) / step
     a, b, c = (flat[soup.faces[:, k]] for k in range(3))

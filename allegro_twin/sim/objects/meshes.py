@@ -61,7 +61,7 @@ class Mesh(NamedTuple):
         return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
 
     def times(self, factor: float) -> Mesh:
-        """The same, larger by a factor."""
+        """Copy of the mesh, larger by a factor."""
         return self if factor == 1.0 else Mesh(self.vertices * factor, self.faces)
 
     def open_edges(self) -> int:
@@ -240,7 +240,7 @@ def _is_text(path: Path) -> bool:
 
 
 def _corners(path: Path) -> Array:
-    """Of an ASCII .stl file: three rows a triangle, (3 m, 3), in the file's unit. Raises ConfigError."""
+    """Corners of an ASCII .stl file: three rows a triangle, (3 m, 3), in the file's unit. Raises ConfigError."""
     words = path.read_bytes().lower().split()
     if b"endsolid" not in words:
         raise ConfigError(f"{path}: not a readable mesh: the file is cut short, for its `endsolid` is missing")

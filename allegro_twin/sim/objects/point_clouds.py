@@ -16,21 +16,23 @@ from allegro_twin.sim.objects.scan_files import Numbers, Scan, find_unit
 FEWEST = 200
 """Points of a cloud."""
 SPARSE = 0.05
-"""Of the size: points further apart than that show no surface."""
+"""Share of the size beyond whose distance neighbouring points show no surface."""
 GAPS = (2.2, 3.5, 6.0)
-"""Of the points' spacing: the outside is kept out by points that are nearer to each other than twice that."""
+"""Multiples of the points' spacing: points nearer to each other than twice that close the surface towards the
+outside."""
 HALF = 0.5
 """Share of points with the outside on both sides from which on a cloud is a view from one side."""
 PLANAR = 0.03
-"""Of the size: an outline within that of a plane is planar; one that is so near to its mirror image is symmetric."""
+"""Share of the size within which an outline counts as planar, and as symmetric to its mirror image."""
 FLAT = 0.04
-"""Of the size: a view with less depth shows no solid."""
+"""Share of the size below whose depth a view shows no solid."""
 GRAZING = 0.45
 """Cosine between view and normal, below which a point of the outline is of the silhouette."""
 WALLS = 0.3
 """Share of a surface."""
 EVEN = 0.6
-"""Of the points per area where a surface faces an end: as many on its sides, and it was seen from more than there."""
+"""Share of the points per area, against a surface that faces an end, from which the sides were seen from more than
+there."""
 TABLE = 0.3
 """Share of the points of a scan, from which on their plane may be a table."""
 STEEP = 0.85

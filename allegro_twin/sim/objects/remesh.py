@@ -15,7 +15,7 @@ from allegro_twin.sim.objects.mesh_repair import Soup, areas, crossings, face_no
 from allegro_twin.sim.objects.scan_files import Numbers
 
 NODES = 4e6
-"""Of the grid, at most."""
+"""Most nodes of the grid."""
 FINEST = 7e-4
 """m between them, at least."""
 _NEAREST = 3

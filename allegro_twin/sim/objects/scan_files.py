@@ -71,7 +71,7 @@ class Scan(NamedTuple):
 
 
 def missing_module() -> str | None:
-    """Of what repairs meshes the first that is not installed."""
+    """Name of the first module for mesh repair that is not installed; None: all are."""
     return next((name for name in EXTRA if find_spec(name) is None), None)
 
 
@@ -189,8 +189,8 @@ def _stated_count(content: bytes) -> int:
 
 
 def miscounted(content: bytes) -> tuple[int, int] | None:
-    """Of a binary .stl file how many triangles its header says and how many it holds, where all that it holds are whole
-    and the header is wrong; None for others."""
+    """Triangle counts of a binary .stl file, by its header and by its content, where the content is whole and the
+    header is wrong; None for others."""
     stated, (there, rest) = _stated_count(content), divmod(len(content) - _HEAD, _FACE)
     if there < 1 or stated == there or (stated > there and rest) or is_text_stl(content):
         return None

@@ -33,9 +33,9 @@ _C = np.array([[1.0, 0.0, 0.0]])
 
 class _Covariance(NamedTuple):
     P: Array
-    """Of the error, before a report, (n, 3, 3)."""
+    """Covariance of the error before a report, (n, 3, 3)."""
     S: Array
-    """Of the estimate where nothing pushes, likewise."""
+    """Covariance of the estimate where nothing pushes, (n, 3, 3)."""
 
 
 class JointKalman:

@@ -202,7 +202,7 @@ class _Way:
 def motor_dynamics(
     inertia: float, stiffness: float, damping: float, limit: float, period: float
 ) -> tuple[Array, Array]:
-    """Of one motor: how its states go on in a period, and with what noise, (3, 3) each."""
+    """Transition and process noise of one motor's states over a period, (3, 3) each."""
     flow = np.array([[0.0, 1.0, 0.0], [-stiffness / inertia, -damping / inertia, 1.0 / inertia], [0.0, 0.0, 0.0]])
     A = np.asarray(expm(flow * period))
     push = A[:, 2] * TORQUE * limit

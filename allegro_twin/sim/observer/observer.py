@@ -43,12 +43,12 @@ CREEP = 0.02
 FORGET = 0.5
 """s. Ours: long beside the 60 ms in which a push is to be seen, short beside the 5 s in which 10 mN·m wound up."""
 UNSURE = 0.25
-"""Of F_s. Ours: a mirror's bristles are bent otherwise than the hand's by up to 0.14 of it
-(docs/explanation/mirror.md)."""
+"""Share of F_s by which bristles may hold another torque than the hand's. Ours: they are bent otherwise by up to 0.14
+of it (docs/explanation/mirror.md)."""
 
 
 class Estimate(NamedTuple):
-    """Of one period."""
+    """Estimated state of all joints in one period."""
 
     predicted: Vector
     """Reported positions as expected before the report came, (n,), rad."""
@@ -169,7 +169,7 @@ class StateObserver:
         return self._data.qpos[self._player.qpos].copy(), self._data.act[self._player.bristles].copy()
 
     def _corrected(self, predicted: Vector, gains: Array, error: Vector, began: Vector, bent: Vector) -> Estimate:
-        """Of a period that began at some positions and bristles, by gains, (3, n), times errors, (n,), rad."""
+        """Estimate of a period that began at some positions and bristles, by gains, (3, n), times errors, (n,), rad."""
         data, player = self._data, self._player
         went = data.qpos[player.qpos] - began
         data.qpos[player.qpos] += gains[0] * error
@@ -281,7 +281,7 @@ def push_into_stop(position: Vector, error: Vector, lower: Vector, upper: Vector
 
 
 def joint_filter(inertia: Vector, damping: Vector, period: float, noise: Vector) -> JointKalman:
-    """Of joints, (n,) each; kg·m², N·m·s/rad, s, rad."""
+    """Kalman filter of joints from inertia, kg·m², damping, N·m·s/rad, period, s, and noise, rad; (n,) each."""
     n = len(inertia)
     A, Q = np.zeros((n, 3, 3)), np.zeros((n, 3, 3))
     A[:, [0, 1, 2], [0, 1, 2]] = np.stack([np.ones(n), np.exp(-damping * period / inertia), np.ones(n)], axis=1)

@@ -29,7 +29,7 @@ class ExternalSetpoints:
 
     def track(self, posture: ArrayLike, what: str = "joint_cmd") -> Vector:
         """Be at a posture, (n,), rad, and go there at no more than the speed; the next one may come at any time.
-        `what` asks stands in messages. What the hand is asked for, (n,), rad: `Bounds.admit`."""
+        `what` asks stands in messages. What the hand is asked for, (n,), rad: `JointBounds.admit`."""
         goal, pursuit = self._hand._bounds.admit(posture, what), self._driving
         here = self._mover.state.position if pursuit is None else pursuit.goal
         self._look(np.array([here, goal]), what)

@@ -19,7 +19,7 @@ from allegro_twin.app.controller_settings import PositionSettings
 from allegro_twin.control.controllers import Gains
 from allegro_twin.control.demonstration import TaughtMotion
 from allegro_twin.control.trajectory import KnownPath, Moves, Profile, Waypoint
-from allegro_twin.errors import HandError, LinkError, MotionStalled
+from allegro_twin.errors import LinkError, MotionStalled
 from allegro_twin.files.first_error import closing_noted
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.library import load_posture, load_trajectory
@@ -61,10 +61,14 @@ class Hand:
     def open(cls, config: str | pathlib.Path | RunConfig, *, background: bool = False) -> Self:
         """Open the hand that a config describes; its `controller` block names the gains. Raises HandError."""
         settings = config if isinstance(config, RunConfig) else load_config(config)
-        rig = assemble(settings)
-        controller = settings.controller
-        name = controller.gains if isinstance(controller, PositionSettings) else "default"
-        return cls(rig, load_gains(name, rig.spec), background=background)
+        with ExitStack() as opened:
+            rig = assemble(settings)
+            opened.callback(rig.backend.close)
+            controller = settings.controller
+            name = controller.gains if isinstance(controller, PositionSettings) else "default"
+            hand = cls(rig, load_gains(name, rig.spec), background=background)
+            opened.pop_all()
+        return hand
 
     def __enter__(self) -> Self:
         self._closing.enter_context(closing_noted(self))
@@ -77,12 +81,11 @@ class Hand:
 
     def close(self) -> None:
         """Leave the hand limp and let go of it. Idempotent. Raises LinkError when the hand did not confirm it: what
-        ended the session, if anything did, which says that too."""
+        ended the session, if anything did, which says that too; and where a listener does not return."""
         self._mover.driver.close()
-        self._rig.backend.close()
         if unconfirmed := self._rig.device.unconfirmed:
             ended = self._mover.driver.error
-            raise ended if isinstance(ended, HandError) and unconfirmed in str(ended) else LinkError(unconfirmed)
+            raise ended if ended is not None and unconfirmed in str(ended) else LinkError(unconfirmed)
 
     @property
     def spec(self) -> HandSpec:
@@ -145,7 +148,7 @@ class Hand:
 
     @property
     def clipped(self) -> int:
-        """How many set-points lay beyond the limits by no more than a joint gives at its stop, `spec.GIVE`, and were
+        """How many set-points lay beyond the limits by no more than a joint gives at its stop, `hand.GIVE`, and were
         clipped to them: as of a program that sends back what it has read. What lies further beyond is refused."""
         return self._bounds.clipped
 

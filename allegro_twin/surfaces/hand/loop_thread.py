@@ -5,27 +5,31 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 
-from allegro_twin.errors import ConfigError, HandError, HandFault
+from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError
 from allegro_twin.types import Sample
 
 Condition = Callable[[Sample], bool]
-_CLOSING = 1.0  # s that a period may still take, and what a listener that closes the hand waits for in vain.
+CLOSING = 5.0
+"""s that a period may still take when somebody closes the hand."""
 
 
 class LoopThread:
     """Runs samples and lets callers wait for what they wait for.
 
     In the foreground time passes only while somebody waits, so a simulation is as fast as it goes and repeats itself;
-    in the background it passes on its own, as it does for a real hand. An error is raised to whoever waits next;
-    there what is no HandError comes as a HandFault that names it.
+    in the background it passes on its own, as it does for a real hand. An error is raised to whoever waits next; what
+    is no HandError comes as a HandFault that names it.
     """
 
-    def __init__(self, samples: Iterator[Sample], *, background: bool) -> None:
-        self._samples, self._news = samples, threading.Condition()
+    def __init__(
+        self, samples: Iterator[Sample], *, background: bool, release: Callable[[], None] = lambda: None
+    ) -> None:
+        """`release`: lets go of the hand, in whichever thread turns the loop when it is closed. Idempotent."""
+        self._samples, self._release, self._news = samples, release, threading.Condition()
         self._latest = next(samples)
-        self._error: BaseException | None = None
+        self._error: HandError | None = None
         self._stopped = False
-        self._advancing = threading.Lock()
+        self._advancing, self._owner = threading.Lock(), 0  # The thread that holds it.
         self._thread: threading.Thread | None = None
         if background:
             self._thread = threading.Thread(target=self._turn, name="allegro_twin", daemon=True)
@@ -39,7 +43,7 @@ class LoopThread:
             return self._latest
 
     @property
-    def error(self) -> BaseException | None:
+    def error(self) -> HandError | None:
         """What ended the loop, if anything did."""
         return self._error
 
@@ -60,18 +64,33 @@ class LoopThread:
             return self._latest
 
     def close(self) -> None:
-        """End the loop. Idempotent."""
+        """End the loop and release the hand. Idempotent. Raises LinkError where a period or a listener does not end:
+        the thread that it keeps then releases the hand as soon as it can."""
         self._stopped = True
-        if self._thread is not None and self._thread is not threading.current_thread():
-            self._thread.join(timeout=5.0)
-        close = getattr(self._samples, "close", None)
-        if close is None or (self._thread is not None and self._thread.is_alive()):
+        if self._owner == threading.get_ident() or self._thread is threading.current_thread():
+            self._release()  # From a listener: its samples end when it has returned.
             return
-        if self._advancing.acquire(timeout=_CLOSING):  # Whoever waits in the foreground ends at the next period.
-            try:
-                close()
-            finally:
+        if self._thread is not None:
+            self._thread.join(timeout=CLOSING)
+            ended = not self._thread.is_alive()
+        else:
+            ended = self._advancing.acquire(timeout=CLOSING)
+        if not ended:
+            raise LinkError(
+                f"the hand is not closed, and may still push: a period or a listener has not ended within {CLOSING:g} "
+                "s; when it ends, its thread lets go of the hand"
+            )
+        try:
+            self._let_go()
+        finally:
+            if self._thread is None:
                 self._advancing.release()
+
+    def _let_go(self) -> None:
+        """In the thread that turns the loop, or once nobody does."""
+        if (close := getattr(self._samples, "close", None)) is not None:
+            close()
+        self._release()
 
     def _advance(self) -> None:
         if not self._advancing.acquire(blocking=False):
@@ -79,40 +98,42 @@ class LoopThread:
                 "another call waits for this hand already: one thread at a time lets its time pass, and no listener "
                 "does; open it with background=True for several threads"
             )
+        self._owner = threading.get_ident()
         try:
             self._latest = next(self._samples)
         except StopIteration:
-            self._error = HandFault("the hand has ended: nothing more comes from it")
+            self._error = _ending(None)
             raise self._error from None
-        except HandError as error:
-            self._error = error
+        except BaseException as error:
+            self._error = _ending(error)
             raise
         finally:
+            self._owner = 0
+            if self._stopped:
+                self._let_go()
             self._advancing.release()
 
     def _turn(self) -> None:
-        while not self._stopped:
-            try:
+        try:
+            while not self._stopped:
                 sample = next(self._samples)
-            except StopIteration:
-                self._end(HandFault("the hand has ended: nothing more comes from it"))
-                return
-            except HandError as error:
-                self._end(error)
-                return
-            except BaseException as error:
-                # Whoever waits would wait for ever; the thread's own trace goes to the terminal.
-                fault = HandFault(f"the loop has ended by an error of the program, {type(error).__name__}: {error}")
-                fault.__cause__ = error
-                self._end(fault)
-                raise
-            with self._news:
-                self._latest = sample
-                self._news.notify_all()
+                with self._news:
+                    self._latest = sample
+                    self._news.notify_all()
+        except StopIteration:
+            self._end(None)
+        except HandError as error:
+            self._end(error)
+        except BaseException as error:
+            self._end(error)
+            raise  # Its trace goes to the terminal.
+        finally:
+            if self._stopped:
+                self._let_go()
 
-    def _end(self, error: HandError) -> None:
+    def _end(self, error: BaseException | None) -> None:
         with self._news:
-            self._error = error
+            self._error = _ending(error)
             self._news.notify_all()
 
     def _check(self) -> None:
@@ -120,3 +141,18 @@ class LoopThread:
             raise self._error
         if self._stopped:
             raise HandFault("the hand is closed; open it again")
+
+
+def _ending(error: BaseException | None) -> HandError:
+    """What everybody is told who asks after the loop has ended by an error; None: by its own end."""
+    if error is None:
+        return HandFault("the hand has ended: nothing more comes from it")
+    if isinstance(error, HandError):
+        return error
+    said = f": {error}" if str(error) else ""
+    what = (
+        "Ctrl-C" if isinstance(error, KeyboardInterrupt) else f"an error of the program, {type(error).__name__}{said}"
+    )
+    fault = HandFault(f"the loop has ended by {what}; open the hand again")
+    fault.__cause__ = error
+    return fault

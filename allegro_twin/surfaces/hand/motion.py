@@ -173,7 +173,7 @@ class MotionControl:
         self._motion: MotionFeedforward | None = getattr(rig.controller, "motion", None)  # As the config asks for it.
         self._limp = ConstantCommand(limp_of(rig.spec))
         self._relay = BumplessSwitch(self._limp if first is None else first.controller, rig.spec.actuation.torque_limit)
-        self.driver = LoopThread(self._samples(background), background=background)
+        self.driver = LoopThread(self._samples(background), background=background, release=rig.backend.close)
 
     @property
     def state(self) -> HandState:

@@ -13,10 +13,9 @@ from allegro_twin.control.controllers import PD, PositionControl
 from allegro_twin.control.trajectory import Hold, Path
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.orientation import gravity_from_quaternion
-from allegro_twin.learning.environments.episode import EpisodeBackend
+from allegro_twin.learning.environments.episode import EpisodeBackend, EpisodeScene
 from allegro_twin.learning.mpc.controller import MpcController
 from allegro_twin.learning.tasks.scenes import THING
-from allegro_twin.sim.model.appearance import scene_appearance
 from allegro_twin.surfaces.panel.stream import goals_reached
 from allegro_twin.types import Array, PositionCommand, Sample, TorqueCommand, Vector
 
@@ -50,14 +49,10 @@ class EpisodeWatch:
         self._asked: deque[Vector | None] = deque(maxlen=1)
         self._performed, self._mine, self._reached, self._mine_reached = False, False, 0, 0
         self._sample: Sample | None = None
-        episode.reset()  # Sizes and places are drawn with it; the session's own reset draws the same.
-        worlds, root = self._task.worlds, rig.spec.root
-        self._scene = worlds.snapshot(0)
-        self._palm = self._scene.model.body(root).id
-        self._moves = bool(self._scene.model.body_weldid[self._palm])
-        self.gravity: Vector = gravity_from_quaternion(self._pose()[3:])
+        self._scene = EpisodeScene(episode)
+        self.gravity: Vector = gravity_from_quaternion(self._scene.palm_pose()[3:])
         """In the palm's frame, (3,), m/s²: the episode's palm reports none."""
-        self.appearance: Mapping[str, Any] = scene_appearance(self._scene.model, rig.spec, self.things)
+        self.appearance: Mapping[str, Any] = self._scene.appearance
         """As the metadata of a recording have it."""
 
     @property
@@ -135,15 +130,10 @@ class EpisodeWatch:
 
     def look(self) -> Mapping[str, Array]:
         """As `StreamFrame.look`."""
-        found: dict[str, Array] = {"palm": self._pose()}
-        if self._task.thing is not None:
-            found["object"] = self._task.thing.pose[0].copy()
-        if self.turns:
-            found["object_goal"] = np.array(self._task.marks(0)[0].pose)
         seconds, plans = self._seconds, 0 if self._planner is None else self._planner.plans
         limit = self._engine.limit * self._task.interface.seconds
         row = (seconds, limit, self._reached, self._mine_reached, self._mine, plans / max(seconds, 1.0))
-        return found | {"episode": np.array(row)}
+        return {**self._scene.poses(), "episode": np.array(row)}
 
     def ended(self) -> str:
         """How the episode ended, in a sentence; empty while it goes on."""
@@ -164,11 +154,6 @@ class EpisodeWatch:
     @property
     def _seconds(self) -> float:
         return float(self._engine.count[0]) * self._task.interface.seconds
-
-    def _pose(self) -> Vector:
-        """Of the palm, (7,)."""
-        scene = self._task.worlds.snapshot(0, self._scene) if self._moves else self._scene
-        return np.concatenate([scene.data.xpos[self._palm], scene.data.xquat[self._palm]])
 
     def _holding(self, reference: EpisodeStart | Hold) -> PD | PositionControl:
         interface = self._task.interface

@@ -15,6 +15,7 @@ from allegro_twin.app.config import RunConfig
 from allegro_twin.app.controller_settings import PlanningSettings, PositionSettings
 from allegro_twin.control.demonstration import TaughtMotion
 from allegro_twin.errors import ConfigError, HandError, RecordingError
+from allegro_twin.files.first_error import closing_noted
 from allegro_twin.hands.library.entries import posture_entry, trajectory_entry
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.library import Library
@@ -84,35 +85,39 @@ class HandSession:
     HandError."""
 
     def __init__(self, number: int, config: RunConfig, folders: Folders, send: Send, *, perform: bool = False) -> None:
-        self._number, self._config, self._folders, self.rig = number, config, folders, assemble(config)
-        episode = self.rig.episode
-        self.watch = None if episode is None else EpisodeWatch(self.rig, episode)
-        self._send, self._look = send, scene_observer(self.rig) if self.watch is None else self.watch.look
+        self._number, self._config, self._folders, self._send = number, config, folders, send
         self._next, self._lost, self._tick = 0.0, 0, -1
         self._recorder: Recorder | None = None
         self._recorded_from, self._teaching, self._trouble, self._verdict_due = 0.0, False, "", False
         self._stalled: HandError | None = None
         self._clipped = 0
-        trial = self.rig.trial
-        self._judged = trial if perform else None
-        if trial is not None and not perform:
-            trial.backend.drive = trial.backend.drive[:1]
-        controller = config.controller
-        self._gains = controller.gains if isinstance(controller, PositionSettings) else "default"
-        gains, first = load_gains(self._gains, self.rig.spec), None
-        if self.watch is not None:
-            first = FirstController(HOLD, self.watch.first())
-            if perform:
-                self.watch.perform()
-                first = FirstController(OWN, self.rig.controller)
-        self.hand = Hand(self.rig, gains, background=True, first=first)
-        self._demonstrating, self._demonstration = ExitStack(), Demonstration(self.hand.spec)
-        if self.watch is not None:
-            self.hand.gravity = self.watch.gravity
-        elif perform:
-            self.hand.direct.perform()
-        self.hand.listen(self._on_sample)
-        self.hand.direct.prepare()
+        with ExitStack() as opened:
+            self.rig = assemble(config)
+            opened.callback(self.rig.backend.close)
+            episode, trial, controller = self.rig.episode, self.rig.trial, config.controller
+            self.watch = None if episode is None else EpisodeWatch(self.rig, episode)
+            self._look = scene_observer(self.rig) if self.watch is None else self.watch.look
+            self._judged = trial if perform else None
+            if trial is not None and not perform:
+                trial.backend.drive = trial.backend.drive[:1]
+            self._gains = controller.gains if isinstance(controller, PositionSettings) else "default"
+            gains, first = load_gains(self._gains, self.rig.spec), None
+            opened.callback(self._abandon_recording)
+            if self.watch is not None:
+                opened.callback(self.watch.close)
+                first = FirstController(HOLD, self.watch.first())
+                if perform:
+                    self.watch.perform()
+                    first = FirstController(OWN, self.rig.controller)
+            self.hand = opened.enter_context(closing_noted(Hand(self.rig, gains, background=True, first=first)))
+            self._demonstrating, self._demonstration = ExitStack(), Demonstration(self.hand.spec)
+            if self.watch is not None:
+                self.hand.gravity = self.watch.gravity
+            elif perform:
+                self.hand.direct.perform()
+            self.hand.listen(self._on_sample)
+            self.hand.direct.prepare()
+            self._opened = opened.pop_all()
 
     def describe(self) -> SessionInfo:
         """Raises ConfigError."""
@@ -215,13 +220,7 @@ class HandSession:
     def close(self) -> None:
         """Leave the hand limp and let go of it. Raises LinkError when it did not confirm that."""
         self._drop()
-        try:
-            self.hand.close()
-        finally:
-            if self.watch is not None:
-                self.watch.close()
-            with suppress(RecordingError):  # What was written is readable.
-                self._stop_recording()
+        self._opened.close()
 
     def _episode(self) -> EpisodeWatch:
         """Raises ConfigError where there is none."""
@@ -306,6 +305,10 @@ class HandSession:
         if recorder is not None:
             recorder.close()
 
+    def _abandon_recording(self) -> None:
+        with suppress(RecordingError):  # What was written is readable.
+            self._stop_recording()
+
     def _on_sample(self, sample: Sample) -> None:
         """In the loop's own thread: as little as can be, and nothing that waits."""
         state = sample.state
@@ -322,7 +325,8 @@ class HandSession:
             try:
                 recorder.add(sample, {**look, "target": self.hand.direct.target, **self._mouse_column()})
             except RecordingError as error:
-                self._recorder, self._trouble = None, str(error)
+                self._trouble = str(error)
+                self._abandon_recording()
         if state.t >= self._next:
             self._next = state.t + 1.0 / RATE - self.rig.backend.period / 2
             self._send(self._frame(sample))

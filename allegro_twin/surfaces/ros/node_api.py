@@ -1,4 +1,4 @@
-"""What a bridge needs of a ROS node, of ROS 2 or ROS 1, and what both have in common."""
+"""ROS node API: the operations of a ROS 1 or ROS 2 node that a bridge needs, and the parts that both share."""
 
 from __future__ import annotations
 

@@ -32,11 +32,11 @@ def resimulate(recording: Recording, at: float, changes: Changes, stages: Sample
     config = recorded_config(recording)
     after = apply_changes(config, changes)
     rig = assemble(config)
-    if rig.sim is None:
-        raise ConfigError(f"{path} is of a simulation that its config does not describe: it cannot be repeated")
-    other = assemble(after).controller if after is not config else None
-    last = float(recording.columns["t"][-1])
     with closing(rig.backend):
+        if rig.sim is None:
+            raise ConfigError(f"{path} is of a simulation that its config does not describe: it cannot be repeated")
+        other = assemble(after).controller if after is not config else None
+        last = float(recording.columns["t"][-1])
         samples = _run(rig, rig.sim, at, changes, other)
         follower = _Follower(recording, at, rig)
         samples = follower.watched(rig.trial.watched(samples) if rig.trial is not None else samples)

@@ -39,7 +39,7 @@ def branch_recording(
 
 def needs_model(recording: Recording, options: BranchOptions) -> bool:
     """Whether a model replaces the hand; otherwise a simulation runs again. Raises ConfigError for a simulation with
-    `wanted.hand`."""
+    `options.hand`."""
     backend = (recording.meta.get("config") or {}).get("backend", {})
     if options.hand and backend.get("kind") == "sim":
         raise ConfigError(f"{recording.path} is of a simulation, which is repeated as it was: leave out --hand")

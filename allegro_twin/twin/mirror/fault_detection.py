@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -113,6 +112,22 @@ class FreeShapes(NamedTuple):
     """The largest gain of each evaluation with this noise, (evaluations, fingers), N²m²."""
 
 
+class _Period(NamedTuple):
+    """One period of a mirror, (n,) each; a row is the mean over ROW of them."""
+
+    disturbance: Vector
+    torque: Vector
+    velocity: Vector
+    side: Vector
+    position: Vector
+    jump: Vector
+    """Reported minus predicted position, rad, where that is a jump; else 0."""
+    off: Vector
+    """Reported minus predicted position, rad."""
+    noise: Vector
+    """What `off` does not reach by noise, rad."""
+
+
 class Thresholds(NamedTuple):
     """Thresholds that free motions of a hand do not reach."""
 
@@ -152,7 +167,7 @@ class Thresholds(NamedTuple):
         spread: Vector = UNKNOWN,
     ) -> Thresholds:
         """Thresholds from a free motion. `disturbance`: (k, n), N·m; `moving`: which joints moved for a while, (k, n);
-        `held`: torque that friction may hold in joints at rest (`Observer.held`); `shapes`: from
+        `held`: torque that friction may hold in joints at rest (`StateObserver.held`); `shapes`: from
         `FaultDetector.free_shapes`. A gain is reached once in RARE evaluations, by Gumbel's law over blocks that do not
         overlap. Raises ConfigError for a motion that is too short."""
         noise, gains = shapes
@@ -173,11 +188,12 @@ class FaultDetector:
     def __init__(self, spec: HandSpec, thresholds: Thresholds, period: float, *, compensates: bool = False) -> None:
         self._spec, self._quiet, self._period, self._above = spec, thresholds.gains, period, thresholds.contact[0]
         self._weight = np.broadcast_to(NOISE / thresholds.noise, spec.n_joints)
-        self._free: list[list[list[NDArray[Any]]]] | None = None  # Rows between interruptions, if they are kept.
+        self._free: list[list[dict[str, NDArray[Any]]]] | None = None  # Rows between interruptions, if they are kept.
         self.faults = FaultList(spec, compensates=compensates)
         """Faults that were named."""
-        self._periods: list[tuple[Vector, ...]]
-        self._rows: list[NDArray[Any]]  # By column, the last LONGEST rows twice, so that any of them are one slice.
+        self._periods: list[_Period]
+        self._rows: dict[str, NDArray[Any]]  # By field of `MirrorWindow`: the last LONGEST rows twice, so that any of
+        # them are one slice.
         self._jump = JUMP * max(period / FASTEST, 1.0)
         self._unheard, self._t, self._slid = np.full(spec.n_joints, np.nan), 0.0, -np.inf
         self.restart()
@@ -191,9 +207,9 @@ class FaultDetector:
         """What the rows since `keep_rows` show, if nothing touched the hand."""
         windows = []
         for part in self._free or []:
-            columns = [np.array(column) for column in zip(*part, strict=True)]
-            ends = range(-(-ROWS // EVERY) * EVERY, len(part) + 1, EVERY)
-            windows += [MirrorWindow(*(column[end - ROWS : end] for column in columns)) for end in ends]
+            columns = {name: np.array([row[name] for row in part]) for name in (part[0] if part else ())}
+            for end in range(-(-ROWS // EVERY) * EVERY, len(part) + 1, EVERY):
+                windows.append(MirrorWindow(**{name: each[end - ROWS : end] for name, each in columns.items()}))
         noise = free_noise(windows, self._spec)
         gains = [largest_gains(each._replace(weight=NOISE / noise), self._spec) for each in windows]
         return FreeShapes(noise, np.array(gains).reshape(-1, len(self._spec.fingers)))
@@ -202,7 +218,7 @@ class FaultDetector:
         """Start anew after an interruption of unknown length. Named faults stay."""
         if self._free is not None:
             self._free.append([])
-        self._periods, self._rows, self._count = [], [], 0
+        self._periods, self._rows, self._count = [], {}, 0
         self._doubted: dict[int, tuple[Fault, float]] = {}  # By finger: its last name, and when it came.
         self._at, self._went = np.full(self._spec.n_joints, np.nan), np.zeros(self._spec.n_joints)
         fingers = len(self._spec.fingers)
@@ -252,24 +268,27 @@ class FaultDetector:
         self._at = np.where(heard, state.position, self._at)
         self._went = np.where(heard, went / np.maximum(since, 1), self._went)
         self._periods.append(
-            (estimate.disturbance, torque, v, estimate.side, state.position, jump, off, SURE * expected)
+            _Period(estimate.disturbance, torque, v, estimate.side, state.position, jump, off, SURE * expected)
         )
         if len(self._periods) < ROW or weights is None:
             return
-        *means, jumps, away, noise = (np.array(each) for each in zip(*self._periods, strict=True))
+        periods = _Period(*(np.array(each) for each in zip(*self._periods, strict=True)))
         self._periods.clear()
-        row = [each.mean(axis=0) for each in means]
-        d, made, _, side, position = row
-        slid = self._slips.add(d, made, position, weights.down, jumped=bool(jumps.any()))
-        largest = jumps[np.abs(jumps).argmax(axis=0), np.arange(len(d))]
-        self.explained = self.faults.effect(made, side, weights.pull, weights.lean)
-        self._keep((*row, largest, weights.pull, state.temperature, self._slips.holds, self.explained))
-        fell = self._falls.add(away, noise.max(axis=0))
+        mean, jumps = _Period(*(each.mean(axis=0) for each in periods)), periods.jump
+        slid = self._slips.add(mean.disturbance, mean.torque, mean.position, weights.down, jumped=bool(jumps.any()))
+        self.explained = self.faults.effect(mean.torque, mean.side, weights.pull, weights.lean)
+        self._keep({
+            "disturbance": mean.disturbance, "torque": mean.torque, "velocity": mean.velocity, "side": mean.side,
+            "position": mean.position, "jump": jumps[np.abs(jumps).argmax(axis=0), np.arange(len(v))],
+            "pull": weights.pull, "temperature": state.temperature, "holds": self._slips.holds,
+            "known": self.explained,
+        })  # fmt: skip
+        fell = self._falls.add(periods.off, periods.noise.max(axis=0))
         inside = weights.lean is None  # A hand's own loop carries a link that falls.
         if fell is not None and not inside and self._untouched(fell[0], weights.free):
             self._name(Fault("loose", *fell), self._t, self._t)
         self._add_slip(slid)
-        self._check_drift(row, weights)
+        self._check_drift(mean, weights)
         if self._count % EVERY == 0 and self._count >= ROWS:
             self._evaluate()
 
@@ -319,14 +338,13 @@ class FaultDetector:
         own = self._spec.fingers[self._spec.finger_of(joint)].joints
         return bool(np.delete(free, list(own)).all()) and not self._last(min(self._count, ROWS)).holds.any()
 
-    def _check_drift(self, row: Sequence[Vector], weights: LinkWeights) -> None:
+    def _check_drift(self, mean: _Period, weights: LinkWeights) -> None:
         """Faults that take longer than a window."""
-        d, torque, velocity, side, *_ = row
         if weights.lean is None:
             return
-        tells, weight = (np.abs(velocity) > MOVING) & weights.free & ~self.faults.hidden, self._weight
-        made, lean, pull = weight * np.stack([torque, side]), weight[:, None] * weights.lean, weight * weights.pull
-        self._drift.add(weight * d, made, tells, lean, pull)
+        tells, weight = (np.abs(mean.velocity) > MOVING) & weights.free & ~self.faults.hidden, self._weight
+        made, lean = weight * np.stack([mean.torque, mean.side]), weight[:, None] * weights.lean
+        self._drift.add(weight * mean.disturbance, made, tells, lean, weight * weights.pull)
         if self._count % EVERY == EVERY // 2 and (drifts := self._drift.check()) is not None:
             self._name(Fault("encoder_drift", *drifts), self._t, self._t)
 
@@ -335,22 +353,25 @@ class FaultDetector:
         """Whether the next period ends a row."""
         return len(self._periods) == ROW - 1
 
-    def _keep(self, row: Sequence[NDArray[Any]]) -> None:
-        if not self._rows:
-            self._rows = [np.zeros((2 * LONGEST, *each.shape), each.dtype) for each in row]
-        for column, each in zip(self._rows, row, strict=True):
+    def _keep(self, row: dict[str, NDArray[Any]]) -> None:
+        """Keep a row, by field of `MirrorWindow`."""
+        for name, each in row.items():
+            if name not in self._rows:
+                self._rows[name] = np.zeros((2 * LONGEST, *each.shape), each.dtype)
+            column = self._rows[name]
             column[self._count % LONGEST] = column[self._count % LONGEST + LONGEST] = each
         self._count += 1
         if self._free is not None:
-            disturbance, torque, velocity, *rest = (np.array(each) for each in row)
-            disturbance[self.faults.hidden] = velocity[self.faults.hidden] = 0.0
-            self._free[-1].append([disturbance, torque, velocity, *rest])
+            kept = {name: np.array(each) for name, each in row.items()}
+            kept["disturbance"][self.faults.hidden] = kept["velocity"][self.faults.hidden] = 0.0
+            self._free[-1].append(kept)
 
     def _last(self, count: int) -> MirrorWindow:
         """The last rows. Joints of which nothing can be known neither move nor are pushed in them, nor do fingers move
         in rows from before their model changed."""
         end, hidden = (self._count - 1) % LONGEST + LONGEST + 1, self.faults.hidden
-        window = MirrorWindow(*(column[end - count : end] for column in self._rows))._replace(weight=self._weight)
+        columns = {name: column[end - count : end] for name, column in self._rows.items()}
+        window = MirrorWindow(**columns, weight=self._weight)
         old = np.arange(self._count - count, self._count)[:, None] < self._since
         if not hidden.any() and not old.any():
             return window
@@ -388,7 +409,7 @@ class FaultDetector:
             else:
                 self._name(found, self._begin_of(found), self._t)
             if found.name == "encoder_step":  # Each jump counts once.
-                self._rows[MirrorWindow._fields.index("jump")][:, found.joint] = 0.0
+                self._rows["jump"][:, found.joint] = 0.0
         return wait
 
     def _begin_of(self, found: Fault) -> float:
@@ -459,10 +480,13 @@ class FaultDetector:
         if np.count_nonzero(self._sign >= 0) < FINGERS:
             return False
         waited = int(self._count - self._sign[self._sign >= 0].min())
-        found = signature_fault(self._last(min(max(SOONEST, waited), LONGEST)), self._quiet, self._spec)
+        window = self._last(min(max(SOONEST, waited), LONGEST))
+        found = signature_fault(window, self._quiet, self._spec)
         if found is None or found.name != "wrong_file":
             return False
-        if waited >= FILE and np.count_nonzero(~self._right) >= FINGERS:
+        # A finger that presses on something has an object between it and others, which pushes them all.
+        sure = waited >= FILE and np.count_nonzero(~self._right) >= FINGERS
+        if sure and not window.holds.any():
             self._name(found, float(self._begin[self._sign >= 0].min()), self._t)
         return True
 

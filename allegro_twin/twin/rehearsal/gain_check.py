@@ -1,4 +1,4 @@
-"""What a hand's own twin says of gains: which of them let it come to rest. Play and much damping make limit cycles."""
+"""Gain check in a hand's own twin: which gains let it come to rest. Play and much damping make limit cycles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is measured of a motion that a hand followed: errors, lag, joints that did not arrive, swing, or lack torque."""
+"""Measures of a followed motion: errors, lag, joints that did not arrive, swing, or lack torque."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a rehearsal does with a hand: poses, postures, a trajectory, grasps, and how long each takes."""
+"""Rehearsal protocol: poses, postures, a trajectory, grasps, and the duration of each."""
 
 from __future__ import annotations
 

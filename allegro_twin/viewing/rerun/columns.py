@@ -41,7 +41,7 @@ class DrawnRow:
         """Raises ConfigError for a pose that is not one."""
         state, command = sample
         goal = command.torque if isinstance(command, TorqueCommand) else command.position
-        for name in ("palm", "object", "target_object"):
+        for name in ("palm", "object", "target_object", "object_goal"):
             if name in look and look[name].shape != (7,):
                 raise ConfigError(f"a pose has a place and a quaternion of four numbers, not {look[name].shape}")
         joints = {"position": state.position, "velocity": state.velocity, "torque": state.torque, "command": goal}
@@ -49,6 +49,10 @@ class DrawnRow:
             joints["target"] = look["target"]
         joints |= {name: look[name] for name in MORE if name in look}
         return DrawnRow(state.t, joints, look)
+
+
+_GHOSTS = {"target_object": "ghosts", "object_goal": "goals"}
+"""Where the object is drawn a second time: where it was, and where it shall be."""
 
 
 class _Message(NamedTuple):
@@ -64,7 +68,7 @@ class RowBuffer:
 
     def __init__(self, stream: rr.RecordingStream, spec: HandSpec, scene: Scenery, arm: HandSpec | None = None) -> None:
         self._stream, self._spec, self._skeleton = stream, spec, Skeleton(scene.bodies, spec)
-        self._objects, self._ghosts = list(scene.objects), False
+        self._objects, self._ghosts = list(scene.objects), set[str]()
         self._scene = scene
         self._arm = Skeleton(scene.arm.bodies, arm) if arm is not None and scene.arm is not None else None
         self._wanted: Vector | None = None
@@ -165,14 +169,14 @@ class RowBuffer:
         paths = {"palm": "world/palm"}
         if self._objects:
             first = self._objects[0]
-            paths |= {"object": f"world/objects/{first}", "target_object": f"world/ghosts/{first}"}
+            paths |= {"object": f"world/objects/{first}"} | {name: f"world/{_GHOSTS[name]}/{first}" for name in _GHOSTS}
         for name, path in paths.items():
             having = [row for row in rows if name in row.look]
             if not having:
                 continue
-            if name == "target_object" and not self._ghosts:
-                self._ghosts = True
-                draw_ghost_object(self._stream, self._scene)
+            if name in _GHOSTS and name not in self._ghosts:
+                self._ghosts.add(name)
+                draw_ghost_object(self._stream, self._scene, f"world/{_GHOSTS[name]}")
             yield _poses(path, having, np.array([row.look[name] for row in having]))
         if having := [row for row in rows if "others" in row.look]:
             others = np.array([row.look["others"] for row in having]).reshape(len(having), -1, 7)

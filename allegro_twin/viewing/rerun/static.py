@@ -62,10 +62,10 @@ def draw_ghost(stream: rr.RecordingStream, scene: Scenery) -> None:
             draw_shapes(stream, f"world/palm/target/{body.name}/look", body.shapes, ghost=True)
 
 
-def draw_ghost_object(stream: rr.RecordingStream, scene: Scenery) -> None:
-    """The object that is grasped, where it only was."""
+def draw_ghost_object(stream: rr.RecordingStream, scene: Scenery, under: str) -> None:
+    """The object that is grasped, where it is not; `under`: a path."""
     name, shapes = next(iter(scene.objects.items()))
-    draw_shapes(stream, f"world/ghosts/{name}/look", shapes, ghost=True)
+    draw_shapes(stream, f"{under}/{name}/look", shapes, ghost=True)
 
 
 def draw_verdict(stream: rr.RecordingStream, scene: Scenery, held: Mapping[str, bool], words: str) -> None:

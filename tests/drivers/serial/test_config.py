@@ -130,7 +130,7 @@ def test_gains_are_written_where_a_file_gives_them() -> None:
         ("leap", {"servos": {"ids": list(range(16)), "current_limit": 0.5, "direction": 2}}, "direction"),
         ("leap", {"baud": 123}, "backend.baud is 123; a XC330-M288 has 9600"),
         ("leap", {"baud": 57_600}, "period 0.02 s is too short for 16 servos at 57600 baud"),
-        ("leap", {"latency": 0.1}, "virtual is a line inside this program and has none"),
+        ("leap", {"latency": 0.1}, "backend.latency: the wire of a virtual hand is inside this program and has none"),
         ("leap", {"watchdog": 9.0}, "watchdog 9 s must be from 0.02 to 2.54 s"),
         ("leap", {"faults": {"script": [{"at": 0, "what": "overheatt"}]}}, "overheatt|what"),
         ("leap", {"faults": {"script": [{"at": 0, "what": "silence", "which": 16}]}}, "this hand has 16 servos"),

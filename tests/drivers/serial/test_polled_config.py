@@ -95,7 +95,12 @@ def test_faults_of_a_config_happen() -> None:
         ("sih", "schunk", {"baud": 115200}, "backend.baud is 115200; such a hand has 1000000"),
         ("qb_softhand", "qb", {"id": 200}, "backend.id: input should be less than or equal to 127"),
         ("sih", "schunk", {"id": 1}, "backend.id: unknown key"),
-        ("sih", "schunk", {"latency": 0.1}, "virtual is a line inside this program and has none"),
+        (
+            "sih",
+            "schunk",
+            {"latency": 0.1},
+            "backend.latency: the wire of a virtual hand is inside this program and has none",
+        ),
         ("sih", "schunk", {"torque_per_ampere": [1.0, 2.0]}, "torque_per_ampere needs one number above 0 or 5"),
         ("sih", "schunk", {"watchdog": 9.0}, "watchdog 9 s must be from 0.02 to 5 s"),
         ("sih", "schunk", {"faults": {"script": [{"at": 0, "what": "torn"}]}}, "torn"),

@@ -126,8 +126,8 @@ def test_draws_in_which_a_joint_moved_too_fast_are_counted(monkeypatch: pytest.M
         grasp_templates(SPEC),
     )
     prover = GraspValidator(bench, scenario, SPEC, known, Path(), 0, Uncertainty(), object_symmetry(bench.placed))
-    ends = ("", "index_1 moves at 20.00 rad/s, over its limit of 12.00 rad/s", "index_1 is at 80 °C", "diverged")
-    monkeypatch.setattr(TrialRunner, "verdicts", lambda *_, **__: iter([Verdict(None, why) for why in ends]))
+    ends = [Verdict(None, why, too_fast=why == "fast") for why in ("", "fast", "index_1 is at 80 °C", "diverged")]
+    monkeypatch.setattr(TrialRunner, "verdicts", lambda *_, **__: iter(ends))
     (option,) = [PlannedGrasp(None, scenario, known[0])]  # type: ignore[arg-type]
     prover._draw([option], 4)
     assert (option.tried, prover.drawn["draws"], prover.drawn["too fast"]) == (4, 4, 1)

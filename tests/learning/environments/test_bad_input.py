@@ -85,6 +85,11 @@ def test_the_pick_has_no_policy_to_name() -> None:
         ArmPick(policy="lift_right")
 
 
+def test_the_pick_says_where_a_vector_of_it_takes_its_autoreset_mode() -> None:
+    with pytest.raises(ConfigError, match="gymnasium.make_vec takes its autoreset_mode in vector_kwargs"):
+        ArmPick(autoreset_mode="same_step")
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

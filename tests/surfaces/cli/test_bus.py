@@ -114,7 +114,7 @@ def test_only_a_bus_can_be_checked_listened_to_and_logged(command: Run, tmp_path
     assert "only a bus can be listened to" in command("sniff", "sim_right")[2]
     assert "is a bus inside one program; log it with" in command("sniff", "can_virtual")[2]
     code, _, errors = command("run", "sim_right", "--seconds", "0.1", "--wire-log", tmp_path / "x.log")
-    assert (code, "only a hand on a bus has frames to log" in errors) == (2, True)
+    assert (code, "only a hand on a CAN bus has frames to log, and a sim hand has none" in errors) == (2, True)
     code, _, errors = command("run", "can_virtual", "--wire-log", tmp_path / "x.txt")
     assert (code, "x.txt: must end in .blf or .log or .asc" in errors) == (2, True)
     assert not list(tmp_path.iterdir())

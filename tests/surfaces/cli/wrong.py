@@ -209,7 +209,7 @@ TABLE = [
         ("run sim_right --image /proc/no/x.png", 2, "cannot write /proc/no/x.png"),
         ("run sim_right --video x.txt", 2, "--video x.txt: must end in .mp4"),
         ("run sim_right --video full.mp4", 2, "cannot write full.mp4: it is no plain file"),
-        ("run sim_right --wire-log x.log", 2, "only a hand on a bus has frames to log"),
+        ("run sim_right --wire-log x.log", 2, "only a hand on a CAN bus has frames to log, and a sim hand has none"),
         ("run can_virtual --wire-log x.txt", 2, "--wire-log x.txt: must end in .blf or .log or .asc"),
         ("run sim_right --out file", 2, "--out file: cannot be a folder to write into: File exists"),
         ("run lemon --out /proc/no", 2, "--out /proc/no: cannot be a folder"),

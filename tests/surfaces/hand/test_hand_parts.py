@@ -79,7 +79,7 @@ def test_a_line_to_where_the_tip_is_stays_there(spec: HandSpec, home: Vector) ->
     np.testing.assert_array_equal(only.posture, home)
 
 
-def fails(error: Exception | None) -> Iterator[Sample]:
+def fails(error: BaseException | None) -> Iterator[Sample]:
     yield sample(0)
     yield sample(1)
     if error is not None:
@@ -106,6 +106,27 @@ def test_an_error_of_the_program_in_the_loops_thread_is_told_to_whoever_waits() 
     with pytest.raises(HandFault, match="an error of the program, ZeroDivisionError: by nothing") as caught:
         driver.wait(lambda s: s.state.tick > 5)
     assert isinstance(caught.value.__cause__, ZeroDivisionError)
+    driver.close()
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (ZeroDivisionError("by nothing"), "by an error of the program, ZeroDivisionError: by nothing; open the hand"),
+        (AssertionError(), "by an error of the program, AssertionError; open the hand again"),
+        (KeyboardInterrupt(), "by Ctrl-C; open the hand again"),
+    ],
+)
+def test_in_the_foreground_an_error_of_the_program_is_raised_as_it_is_and_named_afterwards(
+    error: BaseException, words: str
+) -> None:
+    driver = LoopThread(fails(error), background=False)
+    with pytest.raises(type(error)):
+        driver.wait(lambda s: s.state.tick > 5)
+    for _ in range(2):
+        with pytest.raises(HandFault, match=f"the loop has ended {words}") as caught:
+            driver.wait(lambda s: s.state.tick > 5)
+        assert caught.value.__cause__ is error
     driver.close()
 
 

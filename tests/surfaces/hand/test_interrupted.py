@@ -8,8 +8,9 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from allegro_twin.errors import CommandError, ConfigError, HandError, HandFault, MotionInterrupted
-from allegro_twin.surfaces.hand import Hand
+from allegro_twin.errors import CommandError, ConfigError, HandError, HandFault, LinkError, MotionInterrupted
+from allegro_twin.sim.engine.backend import SimBackend
+from allegro_twin.surfaces.hand import Hand, loop_thread
 from allegro_twin.surfaces.hand.loop_thread import LoopThread
 from allegro_twin.types import Sample
 from tests.surfaces.hand.test_hand_parts import sample
@@ -194,6 +195,47 @@ def test_another_thread_may_close_a_hand_in_the_foreground() -> None:
         driver.wait(over)
     closing.join(5.0)
     assert not closing.is_alive()
+
+
+@pytest.mark.parametrize("background", [False, True])
+def test_a_hand_that_is_closed_while_a_listener_does_not_return_says_so_and_its_own_thread_lets_go_of_it(
+    background: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(loop_thread, "CLOSING", 0.05)
+    closers, stuck, enough = list[str](), threading.Event(), threading.Event()
+    monkeypatch.setattr(SimBackend, "close", lambda _: closers.append(threading.current_thread().name))
+
+    def blocks(_: Sample) -> None:
+        stuck.set()
+        enough.wait(10.0)
+
+    opened = Hand.open("sim_right", background=background)
+
+    def waits() -> None:
+        with pytest.raises(HandFault, match="the hand is closed"):
+            opened.wait(1.0)
+
+    opened.listen(blocks)
+    waiting = threading.Thread(target=waits, name="waiting")
+    waiting.start()
+    assert stuck.wait(10.0)
+    with pytest.raises(LinkError, match=r"not closed, and may still push: a period or a listener has not ended within"):
+        opened.close()
+    assert closers == []
+    enough.set()
+    waiting.join(10.0)
+    opened.close()
+    assert closers[0] == ("allegro_twin" if background else "waiting")
+
+
+@pytest.mark.parametrize("background", [False, True])
+def test_a_listener_may_close_the_hand_and_waits_for_nothing(background: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(loop_thread, "CLOSING", 60.0)
+    hand = Hand.open("sim_right", background=background)
+    hand.listen(lambda _: hand.close())
+    with pytest.raises(HandFault, match="the hand is closed"):
+        hand.wait(1.0)
+    hand.close()
 
 
 def test_a_limp_hand_says_so_first(hand: Hand) -> None:

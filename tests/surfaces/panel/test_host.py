@@ -212,6 +212,19 @@ def test_a_recording_is_whole_and_says_what_it_is_of(desk: Desk, tmp_path: Path)
     assert "target" in recording.columns
 
 
+def test_a_recording_whose_columns_change_ends_there_with_all_rows_before(desk: Desk, tmp_path: Path) -> None:
+    desk.wish(r.Record(on=True))
+    desk.until(lambda: desk.page.frame().recorded > 0.02)
+    session = desk.host._session
+    assert isinstance(session, HandSession)
+    look = session._look
+    session._look = lambda: {**look(), "pull": np.zeros(3)}
+    desk.until(lambda: "has pull, which the first row has not" in desk.page.notices())
+    recording = load(tmp_path / "out" / "panel_001.arrow")
+    assert recording.complete
+    assert len(recording) > 5
+
+
 def test_what_is_shown_is_kept_in_the_users_library(desk: Desk, tmp_path: Path) -> None:
     desk.wish(r.Teach(on=True))
     desk.until(lambda: desk.page.frame().teaching)

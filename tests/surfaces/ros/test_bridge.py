@@ -63,6 +63,7 @@ def there(hand: Hand, posture: Vector, tolerance: float = 0.03) -> Callable[[], 
 
 def test_joint_states_come_at_the_rate_with_the_hands_own_names(hand: Hand, peer: Peer) -> None:
     peer.hear("joint_states", v.JOINT_STATE)
+    before = hand.state.t
     peer.listen(5.0, lambda topic, message: True)
     began = time.time()
     assert peer.listen(20.0, lambda topic, message: len(peer.heard) >= 100) is not None
@@ -70,7 +71,7 @@ def test_joint_states_come_at_the_rate_with_the_hands_own_names(hand: Hand, peer
     assert messages[0].name == list(hand.spec.joints)
     stamps = np.array([v.nanoseconds(message.header.stamp) for message in messages]) / 1e9
     assert (np.diff(stamps) > 0).all()
-    assert len(stamps) / (stamps[-1] - stamps[0]) < 120  # 100 Hz, and fewer on a computer that has no time.
+    assert len(stamps) <= 100.0 * (hand.state.t - before) + 3  # 100 Hz of the hand, whose time may catch up with ours.
     assert began - 60.0 < stamps[0] < stamps[-1] < time.time()
 
 

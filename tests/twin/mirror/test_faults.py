@@ -158,6 +158,22 @@ def test_many_weak_joints_on_many_fingers_are_the_wrong_file(spec: HandSpec) -> 
     assert found.name == "wrong_file"
 
 
+@pytest.mark.parametrize(("finger", "names"), [(None, ["wrong_file"]), (3, [])])
+def test_a_hand_with_a_finger_that_presses_on_something_has_no_wrong_file(
+    finger: int | None, names: list[str], spec: HandSpec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    free = window()
+    holds = np.zeros((K, 4), dtype=bool)
+    if finger is not None:
+        holds[: K // 2, finger] = True
+    seen = free._replace(disturbance=free.disturbance - 0.3 * late(free.torque), holds=holds)
+    each = FaultDetector(spec, Thresholds(np.full((2, N), 0.02), QUIET), 0.003)
+    monkeypatch.setattr(each, "_last", lambda count: seen)
+    each._count, each._sign[:] = 100, 0
+    assert each._wrong_file()
+    assert [report.fault.name for report in each.faults.reports] == names
+
+
 def test_what_is_too_heavy_for_the_motors_is_no_payload(spec: HandSpec) -> None:
     free = window()
     for amount, name in ((0.05, "payload"), (5.0, None)):

@@ -31,7 +31,7 @@ class PointSample:
     points: Array
     """(n, 3), m."""
     outline: Vector
-    """Of all points near the top: how far out they reach in each of DIRECTIONS, (36,), m."""
+    """Support function of all points near the top: their extent in each of DIRECTIONS, (36,), m."""
     trust: Vector
     """In each of them: less than 1 where pixels lie further apart than what is to be told, (36,)."""
     top: float
@@ -41,7 +41,7 @@ class PointSample:
 
     @property
     def middle(self) -> Vector:
-        """Of the outline, (2,), m."""
+        """Middle of the outline, (2,), m."""
         return np.asarray(2.0 / N_DIRECTIONS * self.outline @ DIRECTIONS)
 
 
@@ -72,7 +72,7 @@ def thinned(seen: PointSample, most: int, draws: np.random.Generator) -> PointSa
 
 
 Residuals = Callable[[Array], Array]
-"""Of parameters (k, m), a row each, (k, n), m."""
+"""Residuals of parameters (k, m), a row each, (k, n), m."""
 _STEP = 1e-6  # Of a difference, m and rad.
 
 
@@ -127,7 +127,7 @@ class Solid:
 
     shape: Shape
     position: Array
-    """Of its middle, (3,), m."""
+    """Position of its middle, (3,), m."""
     axes: Array
     """Columns of (3, 3). What symmetry leaves open is anyhow."""
     size: tuple[float, float, float]
@@ -135,7 +135,7 @@ class Solid:
     error: float
     """The root mean square distance of the points from its surface, m."""
     parts: tuple[Solid, ...] = ()
-    """Of a compound, whose place, axes and size are those of the box around it: the solids that it consists of."""
+    """Solids of a compound, whose place, axes and size are those of the box around them."""
 
 
 def half_width(solid: Solid, direction: Vector) -> float:

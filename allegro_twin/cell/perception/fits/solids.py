@@ -1,4 +1,4 @@
-"""Which solid it is: the one that explains the points best."""
+"""Choice of the solid that explains the points of an object best."""
 
 from __future__ import annotations
 

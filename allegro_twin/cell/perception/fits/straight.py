@@ -77,7 +77,7 @@ def _upright_starts(seen: PointSample) -> list[Vector]:
 
 
 def _box_starts(seen: PointSample) -> list[Vector]:
-    """Of the rectangles around the outline the one of the least area."""
+    """Starts of a box fit: the rectangle of least area around the outline."""
     quarter = N_DIRECTIONS // 4
     widths = seen.outline + np.roll(seen.outline, -2 * quarter)
     k = int(np.argmin(widths[:quarter] * widths[quarter : 2 * quarter]))

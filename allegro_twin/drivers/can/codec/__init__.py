@@ -1,1 +1,1 @@
-"""What the bytes mean: messages in SI units, the frames of every version of the hand, and the calibration between."""
+"""CAN codec: messages in SI units, the frames of every version of the hand, and the calibration between them."""

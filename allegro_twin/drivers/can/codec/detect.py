@@ -1,4 +1,4 @@
-"""Which hands report on a bus: for messages that say what is wrong with it."""
+"""Detection of the hands that report on a bus, for error messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What host and hand say to each other, in SI units, the same for every version of the hand.
+"""CAN messages between host and hand in SI units, common to all versions of the hand.
 
 Fingers are counted 0 index, 1 middle, 2 ring, 3 thumb; the four values of a finger go from the palm outward.
 """

@@ -1,4 +1,4 @@
-"""Which codec speaks which version of the hand."""
+"""Codec of each version of the hand."""
 
 from __future__ import annotations
 

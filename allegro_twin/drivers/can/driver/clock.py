@@ -1,5 +1,5 @@
-"""Which period a whole hand belongs to, and how many lie between two, when stamps come from a host that may be late;
-and whether the hand keeps the period that it was told."""
+"""Hand clock: counts the periods between two states, with stamps of a host that may be late, and checks the
+hand's period."""
 
 from __future__ import annotations
 

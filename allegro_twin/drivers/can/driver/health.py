@@ -1,4 +1,4 @@
-"""What went wrong on a link without ending it: counted, and told in words."""
+"""Link health: counts of faults that do not end a session, and their text."""
 
 from __future__ import annotations
 

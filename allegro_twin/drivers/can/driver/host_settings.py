@@ -1,4 +1,4 @@
-"""How to deal with a hand on a bus."""
+"""Settings of the host's side of a CAN bus."""
 
 from __future__ import annotations
 

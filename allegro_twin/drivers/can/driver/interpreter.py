@@ -1,4 +1,4 @@
-"""What a hand and whoever drives it say, frame by frame, and the states that it comes to.
+"""Interpreter of CAN frames: messages of a hand and its driver, and the states that they form.
 
 The one interpreter of what is heard: of a session, of a checkup, of a log.
 """

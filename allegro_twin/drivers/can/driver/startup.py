@@ -1,4 +1,4 @@
-"""How a session with a hand begins: silence it, ask who it is, tell it to report, switch its motors on."""
+"""Start of a session with a hand: silence it, ask for its identity, start its reports, switch its motors on."""
 
 from __future__ import annotations
 

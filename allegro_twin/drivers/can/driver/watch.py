@@ -1,4 +1,5 @@
-"""Who cuts a hand off when its program stalls or dies: a keeper where the bus can be shared, else a thread."""
+"""Watchdogs that cut a hand off when its program stalls or dies: a keeper process where the bus can be shared,
+else a thread."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much of a bus hands take: a frame that waits too long comes in the next period."""
+"""Bus load of hands: a frame that waits too long comes in the next period."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When a frame came, on the host's own steady clock, whatever clock its stamp is of."""
+"""Timestamps of frames on the host's steady clock, from stamps of any clock."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was measured on a link, judged: each row of a checkup as a pure function."""
+"""Findings of a checkup: each row judges one measurement of a link, as a pure function."""
 
 from __future__ import annotations
 

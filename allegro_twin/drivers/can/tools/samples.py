@@ -1,4 +1,4 @@
-"""What a third party that only listens makes of a hand and its driver: states, and the torques that followed them."""
+"""Samples from passive listening to a hand and its driver: states, and the torques that followed them."""
 
 from __future__ import annotations
 

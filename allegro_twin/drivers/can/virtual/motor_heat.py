@@ -1,4 +1,4 @@
-"""How warm motors get, for a hand that is not there.
+"""Motor heating of a virtual hand.
 
 How fast they warm is of the hand's description (`thermal`). What the firmware does about it is assumed, as that is:
 throttling and faults happen for the right reason, not at the right time.

@@ -1,4 +1,4 @@
-"""What a period costs on the bus, and which periods it can carry."""
+"""Bus budget: the cost of a period on the bus, and the periods that it can carry."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What lies between a servo's shaft and the actuator that it drives: one place, used at both ends of the wire."""
+"""Calibration between a servo's shaft and the actuator that it drives, the same at both ends of the wire."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is known of a hand's actuators, and how joints follow from it where a joint is not an actuator."""
+"""Actuator and joint positions: joints from actuators where a joint is not an actuator itself."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How to deal with a hand of servos."""
+"""Settings of the host's side of a hand of servos."""
 
 from __future__ import annotations
 

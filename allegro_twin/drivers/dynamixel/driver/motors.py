@@ -1,4 +1,4 @@
-"""What the servos are told: where to go, with how much current, and when to let go."""
+"""Servo commands: goal, current limit, and when to let go."""
 
 from __future__ import annotations
 

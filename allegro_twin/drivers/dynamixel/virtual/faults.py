@@ -1,4 +1,4 @@
-"""What goes wrong with servos and their line: bytes by chance, the rest by script."""
+"""Faults of virtual servos and their line: bytes by chance, the rest by script."""
 
 from __future__ import annotations
 

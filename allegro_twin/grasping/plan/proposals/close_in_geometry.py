@@ -52,7 +52,8 @@ def close_fingers(bench: GraspScene, candidate: Candidate, step: float = COARSE)
 
 
 def meet_exactly(bench: GraspScene, candidate: Candidate) -> tuple[Candidate, TouchPoints]:
-    """The same within `EXACT`: coarse steps to where something is met, and fine ones over the last of them again."""
+    """Close the fingers within `EXACT`: coarse steps to where something is met, and fine ones over the last of them
+    again."""
     coarse, touch = close_fingers(bench, candidate, COARSE)
     if len(set(touch.part.tolist())) < 2:
         return coarse, touch  # A finger alone holds nothing, however exactly it touches.

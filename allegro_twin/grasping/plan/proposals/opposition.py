@@ -36,16 +36,16 @@ NEAR, BALANCED = 0.015, 0.35
 TOWARDS = 0.5
 """A motor closes if it moves fingertips toward the centre within 60°, as a cosine."""
 GATHERS = 0.3
-"""Of the ways of all fingertips, when what closes does: what brings them nearer to the centre."""
+"""Least share of the fingertips' motion that must bring them nearer to the centre for the hand to close."""
 OPENED, SQUEEZED = 0.5, 0.3
 """rad, of the joints that close, from the ball: back for the pre-shape, further for the squeeze."""
 EXACT, BALANCE, PADS, MIDDLE = 0.005, 3.0, 0.5, 0.15
 """m of a fingertip beside the ball that count as one; weights of balance, of where pads look, of the middle."""
 APART, WIDE, ASIDE = 0.9, 0.025, 0.25
-"""Of their distance in the flat hand, and at most m, that fingertips of one side keep; of its range by which a joint
-bends that has no part."""
+"""Share of their distance in the flat hand, and at most m, that fingertips of one side keep; share of its range by
+which an uninvolved joint bends."""
 ONE_SIDED = 0.2
-"""Of its width: a range whose middle is further than half of that from zero bends one way."""
+"""Share of a range's width: a range whose middle is further than half of that from zero bends one way."""
 THUMB = "thumb"
 """Name of the finger that opposes the others, in a hand that has one."""
 
@@ -55,7 +55,7 @@ class OpposingGrasp(Grasp):
     """A grasp that has room for a ball between fingertips."""
 
     centre: Vector
-    """Of the ball, in the palm frame, (3,), m."""
+    """Centre of the ball in the palm frame, (3,), m."""
     diameter: float
     """m."""
     fingers: tuple[str, ...]
@@ -106,7 +106,7 @@ class _Opposition:
         self.sign = np.where(np.abs(total) > ONE_SIDED * span, np.sign(total), 0.0)
         """Which way each motor bends its finger, (n,): away from zero; 0 where its range is alike on both sides."""
         self.bends = [self._bend(finger) for finger in range(len(spec.fingers))]
-        """Of each finger its last motor, and which way that bends it."""
+        """Last motor of each finger, and the direction in which it bends the finger."""
         tips = self._tips(np.asarray(spec.rest))
         apart = tips[:, None] - tips
         far = np.maximum(np.linalg.norm(apart, axis=2), 1e-6)
@@ -250,7 +250,7 @@ class _Solved(NamedTuple):
 
 
 class _Residuals:
-    """Of the least squares, and their slopes; those of the pads as if they kept their direction."""
+    """Residuals of the least squares, and their slopes; those of the pads as if they kept their direction."""
 
     def __init__(self, hand: _Opposition, group: list[int], diameter: float) -> None:
         self.hand, self.group, self.radius = hand, group, diameter / 2.0

@@ -1,4 +1,4 @@
-"""Where a palm could be: it looks at a point of the surface, with its fingers along the object or any other way."""
+"""Palm poses: the palm faces a point of the surface, with its fingers along the object or in another direction."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NEAREST, FURTHEST = 0.012, 0.085
 SIDE, LOW, HIGH = 0.030, -0.030, 0.060
 """m, of that point along the palm's y and z."""
 VARIED = 0.5
-"""Of that box, about the place between fingertips, where a pre-shape has one."""
+"""Share of that box, about the place between fingertips, where a pre-shape has one."""
 AWRY = np.radians(7.0)
 FROM_ABOVE, ALIGNED, TAKEN = 0.3, 0.65, 0.85
 """Shares of palms that look down whatever the surface, of rolls along an axis, and of pre-shapes from the library."""

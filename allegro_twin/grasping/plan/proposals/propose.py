@@ -64,7 +64,7 @@ class Proposer:
     """Angles about the palm's z by which the trial will turn it, rad."""
     random: Random
     step: float = COARSE
-    """Of the closing fingers, rad."""
+    """Step of the closing fingers, rad."""
     region: GraspRegion | None = None
     """By which it is to be held."""
     gains: Gains | None = None
@@ -79,7 +79,7 @@ class Proposer:
         self.centre = self.bench.centre
 
     def fresh(self, tries: int = 2_000_000) -> Iterator[Candidate | None]:
-        """Of so many guesses; None after every batch of them, for whoever counts them."""
+        """New candidates from so many guesses; None after every batch, for whoever counts them."""
         axes = matrix_from_quaternion(np.array(self.bench.placed.quaternion))
         for _ in range(0, tries, BATCH):
             on = self._looked_at()
@@ -227,7 +227,7 @@ def normal_force(
 
 
 WORN, HEAVIER = 0.75, 1.2
-"""Of the friction that is told and of the mass: what a squeeze is reckoned for, for draws bring less and more."""
+"""Factors on the stated friction and mass for which a squeeze is computed, since draws bring less and more."""
 SHAKEN = 1.3
 """Times the weight, when the palm has turned: it is shaken there."""
 SPRINGS = 0.2

@@ -89,7 +89,7 @@ class Population:
 
 
 def _scale(number: int) -> float:
-    """Of variations in a generation: wide, half as wide and a quarter, in turn."""
+    """Scale of a variation in a generation: wide, half as wide and a quarter, in turn."""
     return (1.0, 0.5, 0.25)[number % 3]
 
 

@@ -67,7 +67,7 @@ class PostureCurve(NamedTuple):
 
 
 def near_turn(angle: float, middle: float) -> float:
-    """The same angle within π of `middle`, rad, for angles within three half turns of it."""
+    """Equivalent angle within π of `middle`, rad, for angles within three half turns of it."""
     if angle > middle + pi:
         return angle - 2 * pi
     return angle + 2 * pi if angle < middle - pi else angle

@@ -1,5 +1,5 @@
-"""Which posture of a curve is best: nearest to another posture, turned nearest to an orientation, or furthest from its
-joint limits.
+"""Preferred posture of a redundancy curve: nearest to a posture, nearest to an orientation, or furthest from
+the joint limits.
 
 The clearance of a joint is its distance to one of its limits; the clearance of a posture is the least of all eight. Two
 clearances are plain functions of τ with known rates. So between two samples that show one joint's clearance rising and

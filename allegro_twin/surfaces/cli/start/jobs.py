@@ -1,4 +1,4 @@
-"""From the arguments of `run` to one configuration for each run."""
+"""Jobs of `run`: one configuration for each run, from its arguments."""
 
 from __future__ import annotations
 

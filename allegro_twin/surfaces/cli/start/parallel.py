@@ -7,6 +7,7 @@ processes.
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -78,10 +79,11 @@ def run_one(
     from allegro_twin.grasping.verdict import faulted
 
     rig = assemble(job.config)
-    begin(rig.spec.side, rig.seconds)
-    files = outputs.files if outputs.folder is None else outputs_in(outputs.folder, job, rig, outputs.files)
     try:
-        outcome = perform(rig, job.config, files, advance, report)
+        with closing(rig.backend):
+            begin(rig.spec.side, rig.seconds)
+            files = outputs.files if outputs.folder is None else outputs_in(outputs.folder, job, rig, outputs.files)
+            outcome = perform(rig, job.config, files, advance, report)
     except HandFault as error:
         if rig.trial is None or job.config.backend.kind != "sim" or not error.history:
             raise

@@ -1,4 +1,4 @@
-"""What `branch` does and prints: run the branch, record and plot it, tables of differences."""
+"""Command `branch`: run the branch, record and plot it, print tables of differences."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `identify` and `gap` do and print: run the identification, write the hand's file, tables of results."""
+"""Commands `identify` and `gap`: run the identification, write the hand's file, print tables of results."""
 
 from __future__ import annotations
 

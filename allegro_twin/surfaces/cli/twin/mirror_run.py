@@ -1,4 +1,4 @@
-"""What `mirror` does and prints: run a hand with its mirror, record and draw it, tables of results."""
+"""Command `mirror`: run a hand with its mirror, record and draw it, print tables of results."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ NEARLY = 0.7
 """Share of a ripple's best gain with which the number of periods that suits all joints is a joint's own. Ours."""
 LIKELY = 0.02
 """Standard deviation of a term's torque, in full PWM: what looks like weight and friction together is not enormous."""
-_LIKELY = {"warm": 0.5, "ripp": 0.1}  # Likewise, shares.
+_LIKELY = {"warmth": 0.5, "ripple": 0.1}  # Likewise, shares.
 _STRIBECK = 0.1  # rad/s, of the friction that is taken away first.
 _NUDGE = 1e-3  # rad, of finite differences.
 _TORQUE = {"bias": ("bias_torque", "stiffness"), "spring": ("stiffness",), "uneven": ("uneven_damping",),
@@ -133,10 +133,15 @@ class _Joint:
         """The terms that may be taken: (rows, 1), or for every number of cogging periods (rows, 2)."""
         self.u, self.tilt, self.count = self.without(u), self.without(tilt), len(u) / INDEPENDENT
         self._always, self._whole = self._Q, self.u
-        self.taken: list[str] = []
+        self._taken: dict[str, Array] = {}
         self.gains: dict[str, float] = {}
         self.usual: set[str] = set()
         """Terms whose gain counts ALIKE more, for they suit all joints best."""
+
+    @property
+    def taken(self) -> list[str]:
+        """The terms that are taken out, in order."""
+        return list(self._taken)
 
     def without(self, column: Array) -> Array:
         """What the columns so far do not explain."""
@@ -147,16 +152,14 @@ class _Joint:
         more = np.linalg.qr(self.without(self.columns[key]))[0]
         self._Q = np.concatenate([self._Q, more], axis=1)
         self.u, self.tilt = self.without(self.u), self.without(self.tilt)
-        self.taken.append(key)
-        family = key.partition(":")[0]
-        self.columns |= {f"taken {key}": self.columns[key]}
-        gone = {family, "spring"} if key == _SPRING else {family}
-        self.columns = {name: each for name, each in self.columns.items() if name.partition(":")[0] not in gone}
+        gone = {_family(key), "spring"} if key == _SPRING else {_family(key)}
+        self._taken[key] = self.columns[key]
+        self.columns = {name: each for name, each in self.columns.items() if _family(name) not in gone}
         self.weigh()
 
     def weigh(self) -> None:
         """By how much Schwarz's criterion falls with each term."""
-        self.gains = {key: self._gain(each) for key, each in self.columns.items() if not key.startswith("taken ")}
+        self.gains = {key: self._gain(each) for key, each in self.columns.items()}
         for key in self.usual & self.gains.keys():
             self.gains[key] += ALIKE
 
@@ -164,35 +167,38 @@ class _Joint:
         """The best term of each family, and its gain."""
         found: dict[str, tuple[str, float]] = {}
         for key, gain in self.gains.items():
-            family = key.partition(":")[0]
+            family = _family(key)
             if gain > found.get(family, ("", -np.inf))[1]:
                 found[family] = key, gain
         return found
 
     def settle(self) -> None:
         """Let a spring go that was taken with a constant torque where the terms that came later explain it as well."""
-        if _SPRING not in self.taken:
+        if _SPRING not in self._taken:
             return
-        pair = self.columns[f"taken {_SPRING}"]
-        others = [self.columns[f"taken {key}"] for key in self.taken if key != _SPRING]
+        pair = self._taken[_SPRING]
+        others = [each for key, each in self._taken.items() if key != _SPRING]
         Q = np.linalg.qr(np.concatenate([self._always, pair[:, :1], *others], axis=1))[0]
         u, spring = (each - Q @ (Q.T @ each) for each in (self._whole, pair[:, 1:]))
         if _fall(u, spring, self.count) <= EVIDENCE:
-            self.taken[self.taken.index(_SPRING)] = "bias"
-            self.columns["taken bias"] = pair[:, :1]
+            bias = {"bias": pair[:, :1]}
+            self._taken = {
+                name: column
+                for key, each in self._taken.items()
+                for name, column in (bias if key == _SPRING else {key: each}).items()
+            }
 
     def value(self, key: str) -> Vector:
         """Coefficients of a taken term, the others that are taken as well; in u."""
-        names = [f"taken {each}" for each in self.taken]
-        own = np.concatenate([self.columns[name] for name in names], axis=1)
+        own = np.concatenate(list(self._taken.values()), axis=1)
         own = own - self._always @ (self._always.T @ own)
         likely = np.concatenate(
-            [np.full(self.columns[n].shape[1], _LIKELY.get(n.split()[1][:4], LIKELY)) for n in names]
+            [np.full(each.shape[1], _LIKELY.get(_family(name), LIKELY)) for name, each in self._taken.items()]
         )
         hold = INDEPENDENT * float(np.square(self.u).mean()) / np.square(likely)
         found = np.linalg.solve(own.T @ own + np.diag(hold), own.T @ self._whole)
-        first = sum(self.columns[name].shape[1] for name in names[: self.taken.index(key)])
-        return np.asarray(found[first : first + self.columns[f"taken {key}"].shape[1]])
+        first = sum(self._taken[name].shape[1] for name in self.taken[: self.taken.index(key)])
+        return np.asarray(found[first : first + self._taken[key].shape[1]])
 
     def is_smooth(self) -> bool:
         """Whether a low polynomial in the angle explains more than the cogging that was taken, and a constant does
@@ -200,9 +206,9 @@ class _Joint:
         taken = [key for key in self.taken if key.startswith("cogging")]
         if not taken:
             return False
-        others = [self.columns[f"taken {key}"] for key in self.taken if key not in taken]
+        others = [each for key, each in self._taken.items() if key not in taken]
         Q = np.linalg.qr(np.concatenate([self._always, *others], axis=1))[0]
-        cogging, cubic = self.columns[f"taken {taken[0]}"], self.columns["angle"]
+        cogging, cubic = self._taken[taken[0]], self.columns["angle"]
         u, cogging, cubic = (each - Q @ (Q.T @ each) for each in (self._whole, cogging, cubic))
         constant, line, whole = (_fall(u, cubic[:, :many], self.count) for many in (1, 2, 4))
         return max(line, whole) >= max(_fall(u, cogging, self.count), constant + EVIDENCE)
@@ -215,6 +221,11 @@ class _Joint:
         self._whole = self._whole - (part - self._always @ (self._always.T @ part))
         self.u = self.u - self.without(part)
         self.weigh()
+
+
+def _family(key: str) -> str:
+    """Of a term: `cogging` of `cogging:7`."""
+    return key.partition(":")[0]
 
 
 def _fall(u: Vector, columns: Array, count: float) -> float:

@@ -1,5 +1,5 @@
-"""What an identification says in sentences: what the hand has beyond friction, how well it is predicted, what is
-left."""
+"""Findings of an identification as sentences: effects beyond friction, accuracy of prediction, what is not
+explained."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Which drive a hand's file gets: the one that best predicts the part of the motions which the fit has not seen.
+"""Choice of the drive for a hand's file: the one that best predicts the part of the motions kept back from the
+fit.
 
 Candidates are the nominal drive, the one in which only determined values are changed, and the one in which all are as
 found that the motions show at all, however wide their intervals. Of every finger the best counts, then of every joint,

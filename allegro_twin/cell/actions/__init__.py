@@ -1,0 +1,1 @@
+"""Actions of the cell's states: motion, pictures, forces and checks."""
