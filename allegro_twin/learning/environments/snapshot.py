@@ -150,7 +150,7 @@ def spread_snapshot(env: Environment, content: Mapping[str, Any]) -> None:
 
 
 def _live_arrays(env: Environment) -> dict[str, NDArray[Any]]:
-    """Of the engine, and of the environment itself."""
+    """Arrays of the engine, and of the environment itself."""
     return env.engine.live_arrays() | {f"environment/{name}": array for name, array in env.live_arrays().items()}
 
 
