@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.scenario import Scenario, load_protocol, load_scenario
+from allegro_twin.grasping.scenario import Scenario, as_written, load_protocol, load_scenario
 from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.library.grasps import Grasp
@@ -100,9 +100,8 @@ def _find_scenario(choice: ObjectChoice, spec: HandSpec) -> tuple[Scenario, Stag
             f"{object_name(choice)}: its scenario is for the hand {settings.model}, and this one is {spec.model}: "
             f"allegro-twin plan OBJECT --hand {spec.model_reference} makes one"
         )
-    mirror = np.array([1.0, -1.0 if spec.side == "left" else 1.0, 1.0])
     surroundings = make_stage(settings, load_protocol(settings.protocol), spec.side, folder)
-    return settings, surroundings, mirror * settings.wrist.retreat
+    return settings, surroundings, as_written(spec.side) * settings.wrist.retreat
 
 
 def _build_scene(
