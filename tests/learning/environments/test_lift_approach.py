@@ -10,12 +10,13 @@ from allegro_twin.grasping.scenario import load_scenario
 from allegro_twin.gym import EnvSettings, HandEnv
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.learning.tasks.scenes import grasped_from_above, known_scenarios, table_scene
+from allegro_twin.spec.hand import Side
 
 HANDS = (("allegro", "right"), ("allegro", "left"), ("leap", "right"), ("qb_softhand", "right"))
 
 
 @pytest.mark.parametrize(("hand", "side"), HANDS)
-def test_the_palm_comes_down_onto_the_grasp_of_every_scenario(hand: str, side: str) -> None:
+def test_the_palm_comes_down_onto_the_grasp_of_every_scenario(hand: str, side: Side) -> None:
     spec = load_spec(hand, side)
     settings, mirror = EnvSettings(hand=hand, side=side), np.array([1.0, -1.0 if side == "left" else 1.0, 1.0])
     aside = 0
