@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
+import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from allegro_twin.errors import ConfigError
@@ -17,6 +18,7 @@ from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.settings import with_card_side
 from allegro_twin.sim.model.physics import Cone, Integrator, Physics, Solver
 from allegro_twin.spec import Side
+from allegro_twin.types import Vector
 
 
 def _in_metres(length: float) -> float:
@@ -266,7 +268,7 @@ class EdgePush(Settings):
 
 
 class Scenario(Settings):
-    """One trial, written for the right hand; the left hand performs its mirror image."""
+    """One trial, written for the right hand; the left hand performs its mirror image. Shapes are not mirrored."""
 
     description: str = ""
     objects: Annotated[tuple[ScenarioObject, ...], Field(min_length=1)]
@@ -305,6 +307,12 @@ class Scenario(Settings):
     def model(self) -> str:
         """The name of that model."""
         return Path(self.hand).stem
+
+
+def as_written(side: Side) -> Vector:
+    """Factors, (3,), between a vector as a scenario has it and as it is in the world: scenarios are written for the
+    right hand, and a left one performs the mirror image in the x-z plane."""
+    return np.array([1.0, -1.0 if side == "left" else 1.0, 1.0])
 
 
 def load_scenario(name: str | Path) -> tuple[Scenario, Path]:

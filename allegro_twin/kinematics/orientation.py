@@ -105,11 +105,6 @@ def quaternion_conjugate(quaternion: ArrayLike) -> Array:
     return rows("quaternions", quaternion, 4) * (1.0, -1.0, -1.0, -1.0)
 
 
-def mirror_quaternion(quaternion: ArrayLike) -> Array:
-    """The mirror image of an orientation in the x-z plane, for a left hand, (..., 4)."""
-    return rows("quaternions", quaternion, 4) * (1.0, -1.0, 1.0, -1.0)
-
-
 def rotate_quaternion(quaternion: ArrayLike, turn: ArrayLike) -> Array:
     """An orientation (..., 4) turned by a rotation vector (..., 3), rad, in the world's axes. Takes tensors, too."""
     return quaternion_product(quaternion_from_vector(turn), quaternion)

@@ -45,7 +45,6 @@ ASKED: dict[str, tuple[Callable[[Any], Any], Any]] = {
     "quaternion_from_vector": (orientation.quaternion_from_vector, [0.1, 0.2, 0.3]),
     "product": (lambda x: orientation.quaternion_product(x, NO_TURN), NO_TURN),
     "conjugate": (orientation.quaternion_conjugate, NO_TURN),
-    "mirrored": (orientation.mirror_quaternion, NO_TURN),
     "slerp": (lambda x: orientation.slerp(x, NO_TURN, 0.5), NO_TURN),
     "angle_between": (lambda x: orientation.angle_between(x, LEVEL), LEVEL),
     "angle_between_quaternions": (lambda x: orientation.angle_between_quaternions(x, NO_TURN), NO_TURN),

@@ -171,7 +171,7 @@ TABLE = [
         ("grasp grasp_3 --width 10", 2, "spans 46 to 159 mm"),
         ("grasp grasp_3 --width nan", 2, "an object of nan mm"),
         ("play ripple --speed 0", 2, "speed must be positive"),
-        ("play ripple --speed 1e9", 2, "speed must be 0.0004 to 4.8 times"),
+        ("play ripple --speed 1e9", 2, "12 is where the guard stops: slow down to 4.8e-09 of that"),
         ("play ripple --speed inf", 2, "it is inf"),
         ("play ripple --approach 1e9", 2, "it is 1e+09"),
         ("teach mine --seconds 0", 2, "--seconds must be positive"),
