@@ -15,9 +15,9 @@ class HandBackend(Protocol):
     """Constructing acquires, `close` releases. In between: reset (write? read)*, over and over, from one thread.
 
     The backend owns the clock: nothing above it sleeps or asks for the time. After a HandError from `read` or `write`
-    the hand is limp and stays limp until `reset`. A CommandError is the exception: the command is refused, nothing
-    changes, and the last one is held, so that a mistake drops no grasp. A guard in front of a backend takes it for a
-    controller that went wrong, and leaves the hand limp.
+    the hand stays limp, or an arm holds itself, until `reset`, or `recover` where it is `Recoverable`. A CommandError
+    is the exception: the command is refused, nothing changes, and the last one is held, so that a mistake drops no
+    grasp. A guard in front of a backend takes it for a controller that went wrong, and leaves the hand limp.
     """
 
     @property
@@ -31,7 +31,7 @@ class HandBackend(Protocol):
         ...
 
     def reset(self) -> HandState:
-        """Begin a new session: limp, t = 0. The only way out of a fault."""
+        """Begin a new session: limp, t = 0. Leads out of a fault."""
         ...
 
     def write(self, command: Command) -> None:
@@ -50,7 +50,7 @@ class HandBackend(Protocol):
 
 @runtime_checkable
 class Recoverable(Protocol):
-    """A backend that a fault need not end."""
+    """A backend whose session a fault need not end: `recover` leads out of it, as `reset` does."""
 
     def recover(self) -> HandState:
         """Take commands again after a fault, in the same session; the state then."""

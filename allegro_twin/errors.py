@@ -53,7 +53,8 @@ class ProtocolError(HandError):
 
 
 class HandFault(HandError):
-    """The hand or the guard stopped it: too fast, too hot, a status bit. Only `reset` leads out."""
+    """The hand or the guard stopped it: too fast, too hot, a status bit. `reset` leads out, and `recover` where the
+    backend is `Recoverable`."""
 
 
 class TooFast(HandFault):
@@ -61,7 +62,7 @@ class TooFast(HandFault):
 
 
 class ArmReflex(HandFault):
-    """An arm met something harder than its collision thresholds allow. It holds itself; `recover` or `reset` leads out.
+    """An arm met something harder than its collision thresholds allow. It holds itself.
 
     `name`: `joint_reflex` or `cartesian_reflex`, as libfranka calls it; `wrench`: on the flange then, in the axes of
     the base, six numbers, N and N·m.
@@ -70,6 +71,9 @@ class ArmReflex(HandFault):
     def __init__(self, message: str, name: str, wrench: tuple[float, ...]) -> None:
         super().__init__(message)
         self.name, self.wrench = name, wrench
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (*self.args, self.name, self.wrench), self.__dict__
 
 
 class RecordingError(HandError, OSError):

@@ -67,11 +67,11 @@ class ControllerSettings(Settings):
 
 @dataclass(slots=True)
 class BackendContext:
-    """What a config says besides the backend's own block."""
+    """Config of a run besides the backend's own block."""
 
     hand: HandSettings
     period: float
-    """Of control, s."""
+    """Control period, s."""
     check: Callable[[HandSpec], None]
     """Raises ConfigError for a hand that cannot be driven in this period. Call it before the wire is opened."""
     simulate: Callable[[Settings | None, HandSpec, float], HandBackend]
@@ -85,11 +85,11 @@ class BackendContext:
 
 @dataclass(frozen=True, slots=True)
 class ControllerContext:
-    """What a config says besides the controller's own block."""
+    """Config of a run besides the controller's own block."""
 
     spec: HandSpec
     period: float
-    """Of control, s."""
+    """Control period, s."""
     task: TaskSettings
     trial: Trial | None = None
     """The scenario of the task, where it has one."""
@@ -145,7 +145,7 @@ class Registry:
     block: str
     """As in a config: backend, controller."""
     group: str
-    """Of entry points."""
+    """Group of entry points."""
     builtin: Mapping[str, str] = field(repr=False)
     """Where the package's own kinds are, `module:attribute` by kind."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from allegro_twin.backend import HandBackend, limp_of, position_of, recover, torque_of
-from allegro_twin.errors import HandError, HandFault, TooFast
+from allegro_twin.errors import ConfigError, HandError, HandFault, TooFast
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, PositionCommand, Sample, TorqueCommand, Vector
 
@@ -18,7 +19,11 @@ HISTORY = 500  # Samples: 1.5 s at 333 Hz.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Limits:
-    """What the guard lets through. Arrays have one value per joint, shape (n,)."""
+    """Limits of the guard. Arrays have one value per joint, shape (n,).
+
+    Raises ConfigError for a zone or speeds that are not positive, for soft stops in the wrong order, and unless the
+    warm temperature is below the hot one.
+    """
 
     torque: Vector
     """Ceiling, N·m."""
@@ -37,6 +42,22 @@ class Limits:
     """The fastest that a torque may change, N·m/s; None: at once."""
     speeds: Callable[[Vector], tuple[Vector, Vector]] | None = None
     """The fastest down, negative, and up where joints are at a position, (n,), rad/s; None: `velocity` anywhere."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.zone < math.inf:
+            raise ConfigError(f"limits: zone {self.zone:g} rad: a torque fades over it, so it must be positive")
+        if not self.warm < self.hot:
+            raise ConfigError(f"limits: warm {self.warm:g} °C must be below hot {self.hot:g} °C: torque fades between")
+        if not (self.velocity > 0.0).all():
+            raise ConfigError(
+                f"limits: velocity {np.min(self.velocity):g} rad/s stops every motion: it must be positive"
+            )
+        if not (self.lower <= self.upper).all():
+            joint = int(np.argmin(self.lower <= self.upper))
+            raise ConfigError(
+                f"limits: joint {joint} has its lower soft stop {self.lower[joint]:g} rad above its upper one of "
+                f"{self.upper[joint]:g} rad"
+            )
 
 
 def clamp(torque: Vector, state: HandState, limits: Limits) -> Vector:
@@ -94,6 +115,21 @@ def violation(state: HandState, limits: Limits, spec: HandSpec) -> HandFault | N
     return None
 
 
+def check_speed(peak: Vector, limits: Limits, spec: HandSpec, what: str, setting: str = "") -> None:
+    """Raises ConfigError for a motion in which the joints reach speeds, (n,), rad/s, at which a guard stops them.
+    `what` it is and the `setting` that the limits come from stand in the message."""
+    share = limits.velocity / np.maximum(peak, 1e-12)
+    joint = int(np.argmin(share))
+    if share[joint] >= 1.0 - 1e-9:
+        return
+    unit = 10.0 ** (math.floor(math.log10(share[joint])) - 1)
+    raise ConfigError(
+        f"{what}: {spec.joint_labels[joint]} would move at {peak[joint]:.3g} rad/s; {limits.velocity[joint]:g} is "
+        f"where the guard stops: slow down to {math.floor(share[joint] / unit + 1e-6) * unit:.2g} of that"
+        + (f", or raise {setting}" if setting else "")
+    )
+
+
 Way = Callable[[Vector, Vector], None]
 """Raises CommandError for a position and a goal, (n,), rad, between which a hand must not go."""
 
@@ -118,6 +154,11 @@ class Guard:
     @property
     def period(self) -> float:
         return self._inner.period
+
+    @property
+    def limits(self) -> Limits:
+        """What this guard lets through."""
+        return self._limits
 
     @property
     def in_front_of(self) -> HandBackend:

@@ -103,7 +103,7 @@ def held(spec: HandSpec, trial: Trial, controller: CentroidGrasp, each: Mirror, 
     """Whether a whole trial holds the object."""
     names = [next(f.name for f in spec.fingers if row[0] in f.joints) for row in controller.joints]
     if by_mirror:
-        controller = replace(controller, felt=lambda: np.array([name in each.contacts for name in names]))
+        controller = replace(controller, contacts=lambda: np.array([name in each.contacts for name in names]))
     for _ in trial.watched(each.watch(heard(until(trial.seconds, run(trial.backend, controller)), spec))):
         pass
     return trial.report().held

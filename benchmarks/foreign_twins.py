@@ -60,7 +60,7 @@ def one(kind: str, seed: int) -> dict[str, Any]:
         write_hand_file(file, found.fit, found.values, found.motions, "")
         (gap,) = measure_gaps([unseen], str(file) if file.exists() else "")
         motion = read_motion(unseen)
-        drive = found.written.drive if not found.written.nothing else found.fit.drive
+        drive = found.written.drive if not found.written.is_nominal else found.fit.drive
         every = gap_errors(motion, found.fit.player(motion), _leaning(found.fit.drive, drive))
         felt = _felt(kind, seed, folder, str(file) if file.exists() else "", unseen)
     truth, constant = draw(kind, seed), found.values["torque_constant"]

@@ -148,7 +148,7 @@ def _row(report: LabReport, name: str, wall: float) -> Row:
         "t": report.events[-1][0], "force": None if check is None else bool(check.by_force),
         "torque": None if check is None else check.by_torque,
         "fingers": None if check is None else bool(check.by_fingers),
-        "between": None if check is None else check.between, "doubt": bool(check is not None and check.doubt),
+        "between": None if check is None else check.between, "doubt": bool(check is not None and check.warning),
         "weight": None if check is None else check.weight, "press": None if check is None else check.torque,
     }  # fmt: skip
 

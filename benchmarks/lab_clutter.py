@@ -55,7 +55,7 @@ def tried(settings: LabSettings) -> Row:
     return {
         "objects": [each.name for each in settings.objects], "apart": near, "taken": report.thing,
         "grasp": report.grasp, "end": str(report.end), "sentence": report.end.sentence, "truly": bool(report.is_lifted),
-        "error": report.error, "moved": dict(report.moved), "doubt": bool(report.checked and report.checked.doubt),
+        "error": report.error, "moved": dict(report.moved), "doubt": bool(report.checked and report.checked.warning),
     }  # fmt: skip
 
 

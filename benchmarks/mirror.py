@@ -26,10 +26,12 @@ from allegro_twin.sim.observer.observer import StateObserver
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.results.gap import drive_parameters
 from allegro_twin.twin.mirror.contact_detection import (
+    NOTHING,
+    PERIODS,
     contact_thresholds,
     held_friction,
     joint_thresholds,
-    touched_fingers,
+    push_ratio,
 )
 from allegro_twin.twin.mirror.rerun_view import RATE, draw_mirror, mirror_scenery
 from allegro_twin.types import Array
@@ -50,6 +52,17 @@ from benchmarks.mirrored_hands import (
 )  # fmt: skip
 
 DRAWN = 10.0  # s
+
+
+def touched_fingers(disturbance: Array, above: Array, spec: HandSpec, held: Array = NOTHING) -> Array:
+    """Whether each finger is touched, (k, fingers): it was outside its ellipsoid for the last PERIODS periods.
+    Arguments as of `push_ratio`."""
+    over = push_ratio(disturbance, above, spec, held=held) > 1.0
+    kept = over.copy()
+    for back in range(1, PERIODS):
+        kept[back:] &= over[:-back]
+        kept[:back] = False
+    return np.asarray(kept)
 
 
 def figures() -> Iterator[tuple[str, float, float, str]]:

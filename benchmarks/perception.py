@@ -26,9 +26,9 @@ from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load_settings
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.sim.objects.catalogue import GraspObject, PlacedObject, object_catalogue
-from allegro_twin.sim.objects.tabletop import compile_tabletop, place_standing
 from allegro_twin.types import Array
 from benchmarks.principal_frame import principal_frame, voxel
+from benchmarks.tabletop import compile_tabletop, place_standing
 
 _EQUAL = 0.002  # m. Edges that differ by less are of one length: which is the longer cannot be seen.
 _TIMES = 3  # A frame is looked at so often and the least time counts: others use the machine too.

@@ -21,8 +21,8 @@ from allegro_twin.cell.perception.target import GraspTarget, grasp_target
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load_settings
 from allegro_twin.sim.objects.catalogue import PlacedObject, load_object
-from allegro_twin.sim.objects.tabletop import compile_tabletop, place_standing
 from allegro_twin.types import Array
+from benchmarks.tabletop import compile_tabletop, place_standing
 
 Picture = NDArray[np.uint8]
 _AXES = ((220, 40, 40), (40, 160, 60), (40, 90, 220))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from allegro_twin.errors import CommandError, HandFault, LinkError, TooFast
+from allegro_twin.errors import CommandError, ConfigError, HandFault, LinkError, TooFast
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.loop import run
 from allegro_twin.recording.reader import load
@@ -192,3 +193,30 @@ def test_the_guard_closes_what_it_guards() -> None:
     hand = ScriptedHand()
     Guard(hand, LIMITS).close()
     assert hand.closed
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"zone": 0.0}, "zone 0 rad: a torque fades over it, so it must be positive"),
+        ({"zone": -0.1}, "zone -0.1 rad"),
+        ({"zone": math.nan}, "zone nan rad"),
+        ({"warm": 75.0}, "warm 75 °C must be below hot 75 °C"),
+        ({"hot": math.nan}, "must be below hot nan °C"),
+        ({"velocity": np.zeros(16)}, "velocity 0 rad/s stops every motion"),
+        ({"velocity": np.full(16, math.nan)}, "velocity nan rad/s"),
+        ({"lower": SPEC.upper, "upper": SPEC.lower}, "joint 0 has its lower soft stop .* rad above its upper one"),
+    ],
+)
+def test_limits_that_would_make_no_number_of_a_torque_or_limit_nothing_are_refused(
+    changes: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ConfigError, match=message):
+        replace(LIMITS, **changes)
+
+
+@pytest.mark.parametrize("beyond", [-1.0, 0.0, 1.0])
+def test_a_torque_at_and_beyond_a_stop_is_a_number_however_thin_the_zone(beyond: float) -> None:
+    limits = replace(LIMITS, zone=1e-9)
+    for torque in (-0.1, 0.1):
+        assert np.isfinite(clamp(np.full(16, torque), state(position=SPEC.upper + beyond), limits)).all()

@@ -74,7 +74,7 @@ class CartesianSettings(ControllerSettings):
 
     kind: Literal["impedance", "compliance"]
     position: Vector3
-    """Of the flange, in the base's frame, m."""
+    """Position of the flange in the base's frame, m."""
     turn: Vector3 = (0.0, 0.0, 0.0)
     """From the orientation at the start, a rotation vector in the axes of the base, rad."""
     stiffness: Positive | None = None
@@ -82,11 +82,11 @@ class CartesianSettings(ControllerSettings):
     angular_stiffness: Positive | None = None
     """N·m/rad; default: 10 and 50."""
     speed: Positive = 0.25
-    """Of the way there, at most, m/s."""
+    """Speed limit on the path there, m/s."""
     turning: Positive = 1.0
     """At most, rad/s."""
     iterations: Annotated[int, Field(ge=1)] = 1
-    """Of the compliance: more are faster."""
+    """Iterations of the compliance in a cycle: more are faster."""
 
 
 class PolicySettings(ControllerSettings):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +32,7 @@ from allegro_twin.types import Vector, frozen
 if TYPE_CHECKING:
     from allegro_twin.control.controllers import Gains, GravityFeedforward
     from allegro_twin.control.motion_feedforward import MotionFeedforward
+    from allegro_twin.control.trajectory import SpeedCheck
     from allegro_twin.grasping.controller import TimedGrasp
     from allegro_twin.grasping.trial import Trial
     from allegro_twin.hands.library.grasps import Grasp
@@ -59,6 +61,20 @@ def make_controller(
         settings, ControllerContext(spec, config.period, config.task, trial, object_pose, live, replayed)
     )
     return made
+
+
+def with_speed_check(controller: Any, check: SpeedCheck) -> Any:
+    """The controller; a motion that it follows is looked at before it begins."""
+    from allegro_twin.control.controllers import PD
+    from allegro_twin.control.trajectory import Moves
+    from allegro_twin.sim.contact.collision_free_paths import CollisionFreeMove
+
+    reach, reference = getattr(controller, "reach", None), getattr(controller, "reference", None)
+    if isinstance(reach, PD):
+        return replace(controller, reach=with_speed_check(reach, check))
+    if isinstance(reference, Moves | CollisionFreeMove):
+        return replace(controller, reference=reference.checked(check))
+    return controller
 
 
 def check_kind(kind: str, spec: HandSpec) -> None:

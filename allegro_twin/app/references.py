@@ -23,7 +23,7 @@ SQUEEZE, STAY = 0.5, 1.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Wanted:
-    """What a position controller is to do."""
+    """Goal of a position controller."""
 
     reference: Reference
     seconds: float | None = None

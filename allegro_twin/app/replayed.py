@@ -35,7 +35,7 @@ def open_recording(settings: ReplaySettings, context: BackendContext) -> ReplayB
 
 
 def _recording(settings: ReplaySettings, context: BackendContext) -> Recording:
-    """Of a .arrow file, or of a bag."""
+    """Recording of a .arrow file, or of a bag."""
     from allegro_twin.recording.exchange.rosbag import from_bag, is_bag
     from allegro_twin.recording.reader import load
 

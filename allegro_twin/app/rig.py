@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 import numpy as np
 
 from allegro_twin.app.config import RunConfig
-from allegro_twin.app.controllers import make_controller
+from allegro_twin.app.controllers import make_controller, with_speed_check
 from allegro_twin.app.simulated import episode_of, simulated, trial_of
 from allegro_twin.backend import HandBackend, limp_of
 from allegro_twin.cell.arm.limits import arm_limits as arm_limits
@@ -23,7 +23,7 @@ from allegro_twin.hands.limits import check_period, hand_limits
 from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.loop import resume
 from allegro_twin.plugins import BACKENDS, BackendContext
-from allegro_twin.safety import Guard, Limits
+from allegro_twin.safety import Guard, Limits, check_speed
 from allegro_twin.sim.settings import SceneSettings, SimSettings
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import ArmSpec
@@ -65,6 +65,12 @@ class Rig:
         """Whether the hand's time passes by itself."""
         return self.device.live
 
+    def check_speed(self, peak: Vector, what: str) -> None:
+        """Raises ConfigError for a motion in which joints reach speeds, (n,), rad/s, at which the guard would stop the
+        hand; `what` it is stands in the message."""
+        if isinstance(self.backend, Guard):
+            check_speed(peak, self.backend.limits, self.spec, what, "limits.velocity")
+
     @property
     def driver(self) -> HandBackend:
         """The backend behind the guard."""
@@ -73,7 +79,8 @@ class Rig:
 
 
 Physics: TypeAlias = "Callable[[HandSpec, float], tuple[HandBackend, Trial | None]]"
-"""Of a hand, as its host knows it, that steps by so many s; and the trial that it is at."""
+"""Factory of a simulated hand, from its spec as the host knows it and the period, s: a backend, and the trial that it
+is at."""
 STAY = 0.5
 """s that a hand in another program is driven after its scenario: on a busy computer its time may lag behind ours."""
 
@@ -172,6 +179,7 @@ def assemble(config: RunConfig, physics: Physics | None = None) -> Rig:
                 seconds = trial.seconds + (STAY if scene.trial is None else 0.0)
             seconds, guard = config.seconds or seconds, guarded(config, spec, backend)
             rig = Rig(spec, guard, controller, seconds, scene.trial, scene.sim, scene.episode)
+            rig = replace(rig, controller=with_speed_check(controller, rig.check_speed))
         opened.pop_all()
     return rig
 

@@ -39,7 +39,7 @@ the joints of a hand that closes its own loop up to 0.021 rad away (SIH, simulat
 
 @dataclass(frozen=True, slots=True)
 class Outputs:
-    """What a run leaves behind or shows; None for what is not wanted."""
+    """Outputs of a run; None for what is not wanted."""
 
     record: Path | None = None
     image: Path | None = None
@@ -50,7 +50,7 @@ class Outputs:
     wire_log: Path | None = None
     """Every frame of the hand's bus: .blf, .log or .asc."""
     size: tuple[int, int] = (480, 480)
-    """Of pictures and films: width and height, pixels."""
+    """Size of pictures and films: width and height, pixels."""
     camera: str = "auto"
     """From where, also to begin with in Rerun: a name or three numbers, as `viewing.views.view` takes them."""
     optional: bool = False
@@ -59,7 +59,7 @@ class Outputs:
 
 @dataclass(frozen=True, slots=True)
 class RunOutcome:
-    """How a run ended."""
+    """Outcome of a run."""
 
     last: HandState
     report: TrialReport | None
@@ -190,7 +190,7 @@ def _failed(episode: EpisodeBackend) -> bool:
 
 
 class _Beside:
-    """What is known beside the samples: where the controller wants the joints, and what a trial or an episode sees.
+    """Columns beside the samples: the controller's set-points, and what a trial or an episode observes.
 
     `seen`: whether somebody looks on.
     """

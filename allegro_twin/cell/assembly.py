@@ -37,7 +37,7 @@ _WAITING = (0.0, -0.4, 0.0, -2.3, 0.0, 1.9, 1.3)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cell:
-    """What the lab works with; `replace` a part to inject a fault."""
+    """Assembled cell: arm, hand, camera and perception; `replace` a part to inject a fault."""
 
     settings: LabSettings
     robot: ArmWithHand

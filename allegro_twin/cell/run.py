@@ -47,7 +47,7 @@ _SLACK = (0.01, 0.1)  # m and rad: how far friction may keep the hand from its t
 
 @dataclass(frozen=True, slots=True)
 class LabReport:
-    """What happened."""
+    """Report of a run of the cell."""
 
     end: CellOutcome
     events: tuple[tuple[float, StateName], ...]
@@ -133,7 +133,7 @@ def perform(
                 work.enter(now, state)
             work.collect_force(now, state)
             if now.state == "Done":
-                held = now.end is not None and now.end.word == "held"
+                held = now.end is not None and now.end.kind == "held"
                 known = work.recheck(now, state) if held else Observation(state.t)
                 after = watch_outcome(now, known, rules)
                 if after is not now:
@@ -172,7 +172,7 @@ def state_rules(settings: LabSettings) -> StateRules:
 
 
 class _Clock:
-    """When the state machine is asked."""
+    """Schedule of the state machine's decisions."""
 
     def __init__(self, settings: LabSettings) -> None:
         self._every = 1.0 / settings.decide.rate if settings.decide.by == "clock" else 0.0
@@ -188,7 +188,7 @@ class _Clock:
 
 
 class _Story:
-    """What is remembered for the report."""
+    """Data that is kept for the report."""
 
     def __init__(self, cell: Cell, work: CellActions) -> None:
         self._cell, self._work = cell, work
@@ -216,7 +216,7 @@ class _Story:
             chosen = min(errors, key=errors.__getitem__)
             error = errors[chosen]
         ways = {name: float(np.linalg.norm(last[name] - first[name])) for name in last if name != chosen}
-        name = None if target.way is None else target.way.card.name
+        name = None if target.candidate is None else target.candidate.card.name
         places, heights = object_places(self._cell), self._middles()
         off = places.off_table
         moved = tuple((name, way) for name, way in ways.items() if way > _STIRRED and name not in off)
@@ -248,7 +248,7 @@ def other_than_wanted(end: CellOutcome, thing: str, risen: Mapping[str, float], 
     wanted, settings = cell.wanted, cell.settings
     known = settings.camera.source.kind == "simulated" and settings.tray is None
     if (
-        end.word != "held"
+        end.kind != "held"
         or wanted is None
         or thing == wanted.name
         or risen.get(wanted.name, 0.0) > _LIFTED
@@ -264,7 +264,7 @@ def other_than_cleared(end: CellOutcome, places: ObjectPlaces, cell: Cell) -> Ce
     """The end, which is a miss where the cell takes the table for cleared and not all is in the tray. `places`: as a
     simulation knows them: of a real camera's pictures nobody does."""
     left = (*places.on_table, *places.off_table)
-    if end.word != "cleared" or not left or cell.settings.camera.source.kind != "simulated":
+    if end.kind != "cleared" or not left or cell.settings.camera.source.kind != "simulated":
         return end
     where = [f"{', '.join(names)} {said}" for names, said in (
         (places.on_table, "still on the table, which the camera does not see"),

@@ -24,23 +24,23 @@ class ArmSettings(Settings):
 
     model: str
     stiffness: Positive = 1000.0
-    """N/m."""
+    """Translational stiffness of the Cartesian spring, N/m."""
     angular_stiffness: Positive = 50.0
-    """N·m/rad."""
+    """Rotational stiffness of the Cartesian spring, N·m/rad."""
     speed: Positive = 0.4
     """Speed limit of the set-point, m/s."""
     turning: Positive = 1.6
-    """rad/s."""
+    """Speed limit of the set-point's rotation, rad/s."""
     approach: Positive = 1.2
-    """s that the approach takes, and"""
+    """Duration of the approach, s: as in conf/protocols/table_pick.yaml, by which the grasps were found."""
     lift: Positive = 1.0
-    """s that the lift takes: as in conf/protocols/table_pick.yaml, by which the grasps were found."""
+    """Duration of the lift, s: as in conf/protocols/table_pick.yaml."""
     joint_speed: Positive = 1.5
     """Peak speed of the fastest joint on far paths, rad/s."""
     collision: CollisionSettings | None = CollisionSettings()
     """Thresholds beyond which the arm stops; None: it never does."""
     period: Positive = 0.003
-    """s; the impedance is as stable as at 1 ms (docs/explanation/arm_control.md)."""
+    """Control period, s; the impedance is as stable as at 1 ms (docs/explanation/arm_control.md)."""
 
 
 class CellHandSettings(Settings):
@@ -54,22 +54,22 @@ class CellHandSettings(Settings):
 
 
 class SecuritySettings(Settings):
-    """Where the arm waits: the palm, in the world, out of the camera's sight of the table."""
+    """Pose in which the arm waits: that of the palm in the world, out of the camera's view of the table."""
 
     position: Vector3 = (-0.22, 0.0, 0.4)
-    """m."""
+    """Position of the palm in the world, m."""
     facing: Vector3 = (1.0, 0.0, 0.0)
-    """Where the palm looks."""
+    """Direction that the palm faces, in the world."""
     fingers: Vector3 = (0.0, 0.0, -1.0)
-    """Where stretched fingers point."""
+    """Direction of stretched fingers, in the world."""
 
 
 class TableObjectSettings(ScenarioObject):
-    """What stands on the table: of the catalogue by name, or given here as in a scenario, a mesh for instance."""
+    """Object on the table: from the catalogue by name, or given here as in a scenario, a mesh for instance."""
 
 
 class TimeoutSettings(Settings):
-    """How long a state may last, s."""
+    """Time limits of the states, s."""
 
     security: Positive = 6.0
     look: Positive = 1.0
@@ -80,49 +80,51 @@ class TimeoutSettings(Settings):
     check: Positive = 6.0
     retreat: Positive = 3.0
     release: Positive = 12.0
-    """To the tray, and"""
+    """Time limit of the motion to the tray, s."""
     open: Positive = 4.0
-    """to let go."""
+    """Time limit of the release, s."""
 
 
 class DecideSettings(Settings):
-    """When the state machine looks at what has happened."""
+    """Timing of the state machine's decisions, and its tolerances."""
 
     by: Literal["clock", "event"] = "clock"
-    """`clock`: at `rate`, as in the report; `event`: at every state of the arm."""
+    """Trigger of decisions. `clock`: at `rate`, as in the report; `event`: at every state of the arm."""
     rate: Positive = 10.0
-    """Hz."""
+    """Decisions a second with `by: clock`, Hz."""
     retries: Annotated[int, Field(ge=0)] = 1
-    """So many times it begins anew after a miss."""
+    """Number of further tries after a miss."""
     near: Positive = 0.006
-    """The arm has arrived within this, m,"""
+    """Distance within which the arm has arrived, m."""
     turned: Positive = 0.06
-    """and this, rad."""
+    """Angle within which the arm has arrived, rad."""
 
 
 class GraspCheckSettings(Settings):
     """Thresholds of the grasp check, key `validation`: when an object counts as held."""
 
     by: Literal["force", "torque", "fingers"] = "fingers"
-    """Which of the three decides; all are told. `fingers`: by where they are, compared with a close on nothing."""
+    """Check that decides; all are reported. `fingers`: by their positions, compared with a close on nothing."""
     samples: Annotated[int, Field(ge=1)] = 100
     """Samples of the force, where the arm waits and after the lift."""
     tare: Annotated[int, Field(ge=1)] = 1000
     """Samples of the force before the approach to an object that may be too light for `samples`."""
     long: Annotated[int, Field(ge=1)] = 1500
-    """After the lift, where nothing else confirms what is held: what is light and hidden is weighed for longer."""
+    """Samples of the force after the lift where nothing else confirms the grasp: a light, hidden object is weighed for
+    longer."""
     least: Positive = 0.053
     """Force threshold, kg: the force sensor confirms an object that weighs more; with `by: force` it decides alone.
     `samples` detect it (docs/explanation/cell.md)."""
     noise: NotNegative = 1.3
     """Standard deviation of each sample of the simulated sensor, N: the report's 400 g are three of it."""
     torque: Positive = 0.1
-    """N·m: something is there, when the torques that stop the fingers, or that keep them from where they would be
-    around nothing, sum up to more than this."""
+    """Torque above which something is between the fingers, N·m: the sum of the torques that stop them, or that keep
+    them from their positions around nothing."""
     most: Positive = 1.7
-    """kg, above `least`: nothing heavier can hang on the hand. A Franka arm carries 3 kg; the hand is 1.3 of them."""
+    """Largest weight that can hang on the hand, kg, above `least`. A Franka arm carries 3 kg; the hand is 1.3 of
+    them."""
     drift: Positive = 0.5
-    """N. So much may the force sensor's zero differ between two rests, beyond its noise, before it is doubted."""
+    """Largest change of the force sensor's zero between two rests, beyond its noise, before it is doubted, N."""
 
     @model_validator(mode="after")
     def _ordered(self) -> GraspCheckSettings:
@@ -141,49 +143,51 @@ class CellCameraSettings(DepthCameraSettings):
     """The camera of a cell."""
 
     mount: Annotated[CameraMount, BeforeValidator(_at_the_wrist, json_schema_input_type=CameraMount | Literal["wrist"])]
-    """Where it stands; `wrist` is where the hand's mount has a place for one."""
+    """Mount of the camera; `wrist` is the place for one on the hand's mount."""
 
 
 class GraspPlanningSettings(Settings):
-    """How a grasp is found for a thing that no stored grasp is for."""
+    """Search for a grasp of an object that no stored grasp suits."""
 
     same: NotNegative = 0.08
-    """Logarithm of a ratio of extents, up to which a stored grasp is taken as it is."""
+    """Logarithm of a ratio of extents up to which a stored grasp is taken as it is."""
     density: Positive = 700.0
-    """kg/m³, by which what was seen is taken to weigh so much: a camera does not weigh. Most packed food has less."""
+    """Density by which the weight of an observed object is estimated, kg/m³: a camera does not weigh. Most packed food
+    has less."""
     rounds: Annotated[int, Field(ge=1)] = 3
-    """Most rounds of variations of the stored grasps, and in each"""
+    """Most rounds of variations of the stored grasps."""
     closed: Annotated[int, Field(ge=1)] = 8
-    """so many that physics closes; what holds is tried under draws of"""
+    """Number of variations that physics closes in each round."""
     uncertainty: Uncertainty = Uncertainty(
         position=0.004, yaw=5.0, size=0.04, mass=0.4, friction=(0.5, 1.0), torque=0.0
     )
-    """what the camera and the cell do not know."""
+    """Perturbations of the draws: place, size, mass and friction that camera and cell do not know."""
 
 
 class TraySettings(Settings):
-    """Where objects are put away when the table is cleared: a tray that stands on it, out of perception's region."""
+    """Tray in which objects are put away when the table is cleared: it stands on the table, out of perception's
+    region."""
 
     at: tuple[float, float] = (-0.32, 0.32)
-    """Its middle, world, m."""
+    """Middle of the tray in the world, m."""
     size: tuple[Positive, Positive] = (0.26, 0.26)
     """Outer edges along x and y, m."""
     height: Positive = 0.04
     """Height of its walls, m."""
     above: Positive = 0.04
-    """An object is let go with its lowest point this far above the walls, m."""
+    """Height of an object's lowest point above the walls when it is let go, m."""
     objects: Annotated[int, Field(ge=1)] = 12
-    """So many are put away at most."""
+    """Largest number of objects that are put away."""
 
 
 class RemoteControlSettings(Settings):
-    """What a cell that is led from outside may be asked for."""
+    """Limits of requests to a cell that is controlled from outside."""
 
     lower: Vector3 = (-0.35, -0.4, 0.03)
-    """Where the palm may be: a box along the world's axes, m."""
+    """Lower corner of the box along the world's axes in which the palm may be, m."""
     upper: Vector3 = (0.3, 0.4, 0.6)
     clearance: NotNegative = 0.015
-    """Palm, links and fingertips stay this far above the table, m."""
+    """Least height of palm, links and fingertips above the table, m."""
 
 
 Name = Annotated[str, Field(pattern=r"^/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$")]
@@ -224,15 +228,16 @@ class LabSettings(Settings):
     """Friction of every contact."""
     security: SecuritySettings = SecuritySettings()
     lift: Annotated[float, Field(ge=0.08)] = 0.15
-    """m; what is 5 cm higher is lifted, and 3 cm are left for what sags and shifts in the hand."""
+    """Height of the lift, m; an object 5 cm higher counts as lifted, and 3 cm are left for sagging and slipping."""
     timeouts: TimeoutSettings = TimeoutSettings()
     decide: DecideSettings = DecideSettings()
     validation: GraspCheckSettings = GraspCheckSettings()
     planning: GraspPlanningSettings | None = GraspPlanningSettings()
-    """None: only stored grasps are taken, for things within 28 % of their own."""
+    """Search for grasps of objects that no stored grasp suits. None: only stored grasps are taken, for objects within
+    28 % of their own."""
     tray: TraySettings | None = None
-    """With a tray the table is cleared: one object after the other is put there. None: the first that is held is the
-    end."""
+    """Tray in which objects are put away, one after the other, until the table is clear. None: the first that is held
+    is the end."""
     follow: RemoteControlSettings = RemoteControlSettings()
     ros: RosNameSettings = RosNameSettings()
     seed: Seed = 0

@@ -42,21 +42,21 @@ _LATE = 0.2
 
 @dataclass(frozen=True, slots=True)
 class CellOutcome:
-    """How it ended."""
+    """Outcome of a run of the cell."""
 
-    word: OutcomeKind
+    kind: OutcomeKind
     reason: str = ""
     """One word for a program: of a refusal perception's, of a fault what it was."""
     sentence: str = ""
     """For a person: what, and what to do."""
 
     def __str__(self) -> str:
-        return f"{self.word}: {self.reason}" if self.reason else self.word
+        return f"{self.kind}: {self.reason}" if self.reason else self.kind
 
 
 @dataclass(frozen=True, slots=True)
 class MachineState:
-    """Where it is."""
+    """State of the state machine."""
 
     state: StateName
     since: float
@@ -80,7 +80,7 @@ class MachineState:
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """What is known at a moment."""
+    """Observations at one moment, on which the state machine decides."""
 
     t: float
     """s."""
@@ -90,7 +90,7 @@ class Observation:
     """What the check says, once it has enough samples."""
     loaded: bool = False
     """Whether something seems to be in the hand that is not held by that check."""
-    doubt: str = ""
+    warning: str = ""
     """What is told with it: of a sensor that does not decide."""
     refused: CellOutcome | None = None
     """Why there is nothing to grasp, by the newest picture, or no way to the tray."""
@@ -101,7 +101,7 @@ class Observation:
 
 @dataclass(frozen=True, slots=True)
 class StateRules:
-    """How long a state may last, s, and how often it begins anew."""
+    """Time limits of the states, s, and the number of new tries."""
 
     timeouts: dict[StateName, float]
     retries: int
@@ -148,12 +148,12 @@ def next_state(now: MachineState, seen: Observation, rules: StateRules) -> Machi
     match now.state:
         case "Look":
             if seen.done and rules.objects and now.released >= rules.objects:
-                return ended(now, seen.t, _cleared(now, _full(rules), seen.doubt))
+                return ended(now, seen.t, _cleared(now, _full(rules), seen.warning))
             if seen.done:
                 return replace(now, state="ToTargetPose", since=seen.t)
             if late:
                 refused = seen.refused or CellOutcome("fault", "camera", "no picture has come: see to its cable")
-                return ended(now, seen.t, _cleared(now, refused, seen.doubt) if rules.objects else refused)
+                return ended(now, seen.t, _cleared(now, refused, seen.warning) if rules.objects else refused)
             return now
         case "Retreat" if now.cause is not None:
             return _again(now, seen.t, rules, now.cause) if seen.done or late else now
@@ -163,8 +163,8 @@ def next_state(now: MachineState, seen: Observation, rules: StateRules) -> Machi
             if seen.held and rules.objects:
                 return replace(now, state="ToReleasePose", since=seen.t, carries=True)
             if seen.held:
-                return ended(now, seen.t, CellOutcome("held", "", seen.doubt))
-            said = "; ".join(filter(None, ("the thing is not in the hand", seen.doubt)))
+                return ended(now, seen.t, CellOutcome("held", "", seen.warning))
+            said = "; ".join(filter(None, ("the thing is not in the hand", seen.warning)))
             missed = CellOutcome("missed", "", said)
             if seen.loaded:
                 return _put_back(now, seen.t, missed)
@@ -185,12 +185,12 @@ def next_state(now: MachineState, seen: Observation, rules: StateRules) -> Machi
 
 def watch_outcome(now: MachineState, seen: Observation, rules: StateRules) -> MachineState:
     """What an end comes to while arm and hand are watched after it: held for as long as nothing says otherwise."""
-    if now.end is None or now.end.word != "held":
+    if now.end is None or now.end.kind != "held":
         return now
     if seen.fault is not None:
         return ended(now, seen.t, seen.fault)
     if seen.held is False:
-        said = "; ".join(filter(None, ("it was held after the lift, and is no longer", seen.doubt)))
+        said = "; ".join(filter(None, ("it was held after the lift, and is no longer", seen.warning)))
         return ended(now, seen.t, CellOutcome("fault", "dropped", said))
     if seen.held is None and seen.t - now.since >= rules.timeouts["Validate"] - 1e-9:
         return ended(
@@ -224,7 +224,7 @@ def _later(now: MachineState, t: float, rules: StateRules, end: CellOutcome) -> 
 
 def _cleared(now: MachineState, refused: CellOutcome, doubt: str) -> CellOutcome:
     """What it comes to when a look finds nothing more to take. `doubt`: of what is no longer there."""
-    if refused.word == "fault" or not (now.released or now.left or doubt):
+    if refused.kind == "fault" or not (now.released or now.left or doubt):
         return refused
     count = f"{now.released} object{'' if now.released == 1 else 's'} put away"
     empty = refused.reason == "no_object"
@@ -243,7 +243,7 @@ def _full(rules: StateRules) -> CellOutcome:
 def ended(now: MachineState, t: float, end: CellOutcome) -> MachineState:
     """The end of the run. What the tries before came to is told with it, unless something is held or all is cleared:
     a try that threw the object down is why there is nothing to take."""
-    if end.word not in ("held", "cleared"):
+    if end.kind not in ("held", "cleared"):
         before = dict.fromkeys(each for each in now.earlier if each != end)
         told = [f"try {now.earlier.index(each) + 1}: {each}, {each.sentence}" for each in before]
         end = replace(end, sentence="; ".join(filter(None, (end.sentence, *told))))

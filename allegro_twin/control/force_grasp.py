@@ -158,7 +158,7 @@ class CentroidGrasp:
     """Damping of every joint, N·m·s/rad."""
     posture_stiffness: float = 1.0
     """Stiffness towards the posture, in the null space of the fingertip forces, N·m/rad."""
-    felt: Callable[[], NDArray[np.bool_]] | None = None
+    contacts: Callable[[], NDArray[np.bool_]] | None = None
     """Another source, such as a mirror, for which of its fingers are in contact, (k,); None: those that are pushed and
     do not move."""
 
@@ -195,7 +195,7 @@ class CentroidGrasp:
         """Notice contact: from then on the object is held where the fingertips found it."""
         stall = update_stall(memory.stall, state.velocity[self.joints], push[self.joints], state.t - memory.t)
         memory = memory._replace(t=state.t, stall=stall)
-        met = fingers_in_contact(stall) if self.felt is None else self.felt()
+        met = fingers_in_contact(stall) if self.contacts is None else self.contacts()
         if np.isnan(memory.contact) and (met.all() or since >= self.squeeze_at):
             # Without the thumb, or with nothing but it, there is no opposition to build on: all press.
             who = met if met[-1] and met.sum() > 1 else np.ones_like(met)

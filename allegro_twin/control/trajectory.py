@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,8 @@ from allegro_twin.control.time_scaling import Profile, TimeScaling, leg_timing
 from allegro_twin.errors import ConfigError
 from allegro_twin.types import Array, Vector, frozen
 
-FASTEST = 12.0
-"""rad/s. The guard stops a hand that is faster (docs/explanation/safety.md), so nobody asks for more."""
+FASTEST = 60.0
+"""rad/s. No joint of a hand is so fast: who asks for more, or has a guard allow more, has mistaken the unit."""
 SLOWEST = 1e-3
 """rad/s. Half an hour for a joint's whole range: who asks for less has mistaken the unit."""
 
@@ -29,6 +29,7 @@ __all__ = [
     "Profile",
     "Reference",
     "SetPoint",
+    "SpeedCheck",
     "Trajectory",
     "Waypoint",
     "travel_time",
@@ -36,7 +37,7 @@ __all__ = [
 
 
 class SetPoint(NamedTuple):
-    """Where the joints should be at one time, and how fast."""
+    """Positions and velocities of the joints that a controller follows at one time."""
 
     position: Vector
     """Shape (n,), rad."""
@@ -56,6 +57,10 @@ class Reference(Protocol):
     def begin(self, position: Vector) -> Path:
         """The path from a joint position, shape (n,), rad."""
         ...
+
+
+SpeedCheck: TypeAlias = Callable[[Vector, str], None]
+"""Raises ConfigError for peak speeds of joints, (n,), rad/s, that their guard would stop; what moves, for messages."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,16 +105,25 @@ class Moves:
     """Waypoints one after the other, from where the hand is; it stays at the last."""
 
     waypoints: Sequence[Waypoint]
+    check: SpeedCheck | None = None
+    """Looks at the motion before it begins."""
+
+    def checked(self, check: SpeedCheck) -> Moves:
+        """Copy whose motion `check` examines before it begins."""
+        return replace(self, check=check)
 
     def begin(self, position: Vector) -> Trajectory:
-        """The timed trajectory. Raises ConfigError for a speed or a time that is not positive."""
+        """The timed trajectory. Raises ConfigError for a speed or a time that is not positive, and as `check` does."""
         times, postures, shapes = [0.0], [frozen(position)], []
         for waypoint in self.waypoints:
             seconds, shape = _leg(postures[-1], waypoint)
             times.append(times[-1] + seconds)
             postures.append(frozen(waypoint.posture))
             shapes.append(shape)
-        return Trajectory(tuple(times), tuple(postures), tuple(shapes))
+        path = Trajectory(tuple(times), tuple(postures), tuple(shapes))
+        if self.check is not None:
+            self.check(path.peak, "the motion")
+        return path
 
 
 class Trajectory:
@@ -124,6 +138,14 @@ class Trajectory:
     def seconds(self) -> float:
         """When the last waypoint is reached."""
         return self.times[-1]
+
+    @property
+    def peak(self) -> Vector:
+        """The greatest speed of each joint, (n,), rad/s."""
+        fastest = np.zeros_like(self.postures[-1])
+        for travel, shape, (begin, end) in zip(self._travel, self.shapes, pairwise(self.times), strict=True):
+            fastest = np.maximum(fastest, np.abs(travel) * shape(0.5)[1] / (end - begin))  # All are symmetrical.
+        return fastest
 
     def __call__(self, t: float) -> SetPoint:
         if t >= self.times[-1]:
@@ -156,8 +178,7 @@ def _leg(start: Vector, waypoint: Waypoint) -> tuple[float, TimeScaling]:
     number(waypoint.acceleration, "acceleration, in rad/s²,")
     if not SLOWEST <= waypoint.speed <= FASTEST:
         raise ConfigError(
-            f"speed must be positive, in rad/s, from {SLOWEST:g} to {FASTEST:g}, where the guard stops; it is "
-            f"{waypoint.speed:g}"
+            f"speed must be positive, in rad/s, from {SLOWEST:g} to {FASTEST:g}; it is {waypoint.speed:g}"
         )
     if not waypoint.acceleration > 0.0:
         raise ConfigError(f"acceleration must be positive, in rad/s²; it is {waypoint.acceleration}")
@@ -183,6 +204,21 @@ class TimedPath:
     def seconds(self) -> float:
         """When the last posture is reached."""
         return float(self.times[-1])
+
+    @property
+    def peak(self) -> Vector:
+        """The greatest speed of each joint, (n,), rad/s."""
+        spans = np.diff(self.times)[:, None]
+        mean = np.diff(self.postures, axis=0) / spans
+        if self.velocities is None:
+            return np.asarray(np.abs(mean).max(axis=0))
+        before, after = self.velocities[:-1], self.velocities[1:]
+        square, slope = 3.0 * (before + after) - 6.0 * mean, 6.0 * mean - 4.0 * before - 2.0 * after
+        with np.errstate(divide="ignore", invalid="ignore"):
+            turns = np.clip(-slope / (2.0 * square), 0.0, 1.0)  # Where within a leg the speed is greatest or least.
+        s = np.where(square == 0.0, 0.0, turns)
+        between = before + s * (slope + s * square)
+        return np.asarray(np.abs([before, between, after]).max(axis=(0, 1)))
 
     def __call__(self, t: float) -> SetPoint:
         if t >= self.times[-1]:

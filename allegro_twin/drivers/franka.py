@@ -32,7 +32,7 @@ _SAME = 1e-6  # Of the entries of a frame.
 
 
 class FrankaSettings(Settings):
-    """Where the arm is."""
+    """Address of the arm."""
 
     host: str
     """Address of the control box, as in Desk."""

@@ -128,7 +128,8 @@ class _LOADER(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[mi
         return mapping
 
     def construct_word(self, node: yaml.ScalarNode) -> int | float | bool:
-        """Of the tags int, float and bool."""
+        """Number or truth value of a scalar with the tag int, float or bool. Raises a refusal for one that YAML 1.1 and
+        1.2 read differently."""
         word, kind = node.value, node.tag.rpartition(":")[2]
         if kind != "bool" and _BASE_60_OR_8.fullmatch(word):
             raise _refusal(f"{word} is one number in YAML 1.1 and another thing in 1.2: a decimal number has no "

@@ -215,7 +215,7 @@ def _list(folder: Path, names: list[str], known: Mapping[str, str] | None = None
 
 
 def _hashes(folder: Path) -> dict[str, str]:
-    """Of the files that a run has written, as `_list` has noted them; empty where it has not."""
+    """Hashes of the files that a run has written, as `_list` has noted them; empty where it has not."""
     path = folder / FILES
     if not path.exists():
         return {}

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import ast
-import inspect
 import math
-import textwrap
 from collections.abc import Callable, Iterator, Mapping
 from difflib import get_close_matches
-from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self, TypeAlias, TypeVar, Union, get_args, get_origin
 
@@ -33,7 +29,7 @@ PerJoint = float | list[float]
 """One value for all joints, or one for each."""
 Positive = Annotated[float, Field(gt=0)]
 Seed = Annotated[int, Field(ge=0)]
-"""Of random numbers; NumPy takes none below 0."""
+"""Seed of random numbers; NumPy takes none below 0."""
 Vector3 = tuple[float, float, float]
 MOST_GRAVITY = 30.0
 """m/s². The most on a planet is Jupiter's, 24.8."""
@@ -55,9 +51,9 @@ Probability = Annotated[float, Field(ge=0, le=1)]
 
 
 class Settings(BaseModel):
-    """Frozen settings in which an unknown key is an error."""
+    """Frozen settings in which an unknown key is an error. The text below a field describes it in the schema."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
 
     another_kind: ClassVar[str] = ""
     """A key of files that stand in the same folder and are of another kind; a schema leaves them alone."""
@@ -215,21 +211,19 @@ def json_schema(model: type[Settings], title: str) -> dict[str, Any]:
     """The JSON Schema of a file that is read into a model: keys, types and ranges. What the model checks beyond them is
     reported when the file is read."""
     schema = model.model_json_schema()
-    known = {each.__name__: each for each in _family(Settings)}
-    for name, part in [(model.__name__, schema), *schema.get("$defs", {}).items(), *_inlined(schema)]:
-        if name in known:
-            _describe(part, known[name])
+    for part in (schema, *schema.get("$defs", {}).values(), *_inlined(schema)):
+        for content in part.get("properties", {}).values():
+            if "description" in content:
+                content["description"] = " ".join(content["description"].split())
     if model.another_kind:
         schema = _unless(model.another_kind, schema)
     return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | schema | {"title": title}
 
 
-def _inlined(schema: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+def _inlined(schema: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """Models that stand in a union itself: those of installed packages."""
     for content in schema.get("properties", {}).values():
-        for each in content.get("oneOf", ()):
-            if "title" in each:
-                yield each["title"], each
+        yield from (each for each in content.get("oneOf", ()) if "title" in each)
 
 
 def _unless(key: str, schema: dict[str, Any]) -> dict[str, Any]:
@@ -240,34 +234,3 @@ def _unless(key: str, schema: dict[str, Any]) -> dict[str, Any]:
              if "description" in each}  # fmt: skip
     return {"type": "object", "properties": texts, "$defs": schema.get("$defs", {}),
             "if": {"required": [key]}, "else": whole}  # fmt: skip
-
-
-def _describe(part: dict[str, Any], model: type[Settings]) -> None:
-    """Put the text that stands below each field into its property."""
-    texts: dict[str, str] = {}
-    for each in reversed(model.__mro__):
-        if issubclass(each, Settings):
-            texts |= dict(_docstrings(each))
-    for key, content in part.get("properties", {}).items():
-        if key in texts:
-            content["description"] = texts[key]
-
-
-def _docstrings(model: type[Settings]) -> Iterator[tuple[str, str]]:
-    tree = ast.parse(textwrap.dedent(inspect.getsource(model)))
-    assert isinstance(tree.body[0], ast.ClassDef)
-    for field, text in pairwise(tree.body[0].body):
-        if (
-            isinstance(field, ast.AnnAssign)
-            and isinstance(field.target, ast.Name)
-            and isinstance(text, ast.Expr)
-            and isinstance(text.value, ast.Constant)
-            and isinstance(text.value.value, str)
-        ):
-            yield field.target.id, " ".join(text.value.value.split())
-
-
-def _family(model: type[Settings]) -> Iterator[type[Settings]]:
-    for each in model.__subclasses__():
-        yield each
-        yield from _family(each)

@@ -309,7 +309,8 @@ def _checked(text: str, expected: Mapping[str, Any], where: str) -> str:
 
 
 def _canonical(content: Any) -> str:
-    """The same text for equal content, exact to the bit; `entries` without a value counts as empty."""
+    """Canonical text of content, equal for equal content, exact to the bit; `entries` without a value counts as
+    empty."""
     if isinstance(content, dict) and ENTRIES in content:
         content = {**content, ENTRIES: content[ENTRIES] or {}}
     return json.dumps(content, sort_keys=True, default=str)

@@ -22,7 +22,7 @@ from allegro_twin.types import Vector
 
 
 class ContactSource(Protocol):
-    """Who knows what is touched: a mirror."""
+    """Source of contacts: a mirror."""
 
     @property
     def contacts(self) -> tuple[str, ...]:
@@ -131,7 +131,7 @@ def _centroid(
         grip.force if force is None else force,
         spread=grip.spread,
         stiffness=grip.stiffness,
-        felt=felt,
+        contacts=felt,
     )
 
 

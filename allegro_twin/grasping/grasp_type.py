@@ -75,7 +75,7 @@ class ObjectShape(NamedTuple):
 
 
 class SurfaceLoad(NamedTuple):
-    """What one surface of one part of the hand bears."""
+    """Load on one surface of one part of the hand."""
 
     part: str
     """A digit's name, or `palm`."""
@@ -89,7 +89,7 @@ class SurfaceLoad(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class GraspObservation:
-    """What is known of a grasp while it holds."""
+    """Observation of a grasp while it holds."""
 
     bearings: Sequence[SurfaceLoad]
     fingers: tuple[str, ...]

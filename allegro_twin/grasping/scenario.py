@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
+import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from allegro_twin.errors import ConfigError
@@ -17,6 +18,7 @@ from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.settings import with_card_side
 from allegro_twin.sim.model.physics import Cone, Integrator, Physics, Solver
 from allegro_twin.spec import Side
+from allegro_twin.types import Vector
 
 
 def _in_metres(length: float) -> float:
@@ -76,7 +78,7 @@ class Phase(Settings):
 
 
 class Success(Settings):
-    """How far the object may have moved in the palm's frame."""
+    """Limits of the object's motion in the palm's frame."""
 
     drift: Positive = 0.010
     """m."""
@@ -87,7 +89,7 @@ class Success(Settings):
 
 
 class PhysicsSettings(Settings):
-    """What differs from the physics of every scene (sim.physics)."""
+    """Changes to the physics of every scene (sim.physics)."""
 
     timestep: Positive | None = None
     """s."""
@@ -215,7 +217,7 @@ class StandSettings(Settings):
 
 
 class PalmHeight(Settings):
-    """How high the palm is: for objects that are taken from above, whatever their size."""
+    """Height of the palm, for objects that are taken from above, whatever their size."""
 
     table: Length
     """At least so far above what the object stands on, m."""
@@ -224,7 +226,7 @@ class PalmHeight(Settings):
 
 
 class Wrist(Settings):
-    """Where the palm is when the fingers close, from the middle of the first object, world axes."""
+    """Pose of the palm when the fingers close, from the middle of the first object, world axes."""
 
     position: Offset
     """m, of the palm's origin."""
@@ -253,7 +255,7 @@ def skew_warning(wrist: Wrist) -> str | None:
 
 
 class EdgePush(Settings):
-    """Before the grasp: the hand pushes the first object along the table, over its edge, and lets go of it."""
+    """Push before the grasp: the hand pushes the first object along the table, over its edge, and lets go of it."""
 
     distance: Length
     """m, along x, that the palm goes with its fingers behind the object."""
@@ -266,7 +268,7 @@ class EdgePush(Settings):
 
 
 class Scenario(Settings):
-    """One trial, written for the right hand; the left hand performs its mirror image."""
+    """One trial, written for the right hand; the left hand performs its mirror image. Shapes are not mirrored."""
 
     description: str = ""
     objects: Annotated[tuple[ScenarioObject, ...], Field(min_length=1)]
@@ -305,6 +307,12 @@ class Scenario(Settings):
     def model(self) -> str:
         """The name of that model."""
         return Path(self.hand).stem
+
+
+def as_written(side: Side) -> Vector:
+    """Factors, (3,), between a vector as a scenario has it and as it is in the world: scenarios are written for the
+    right hand, and a left one performs the mirror image in the x-z plane."""
+    return np.array([1.0, -1.0 if side == "left" else 1.0, 1.0])
 
 
 def load_scenario(name: str | Path) -> tuple[Scenario, Path]:

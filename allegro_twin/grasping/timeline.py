@@ -11,10 +11,17 @@ import numpy as np
 
 from allegro_twin.control.trajectory import Moves, Waypoint, travel_time
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.scenario import Phase, Scenario, ScenarioObject, TrialProtocol, check_object_names
+from allegro_twin.grasping.scenario import (
+    Phase,
+    Scenario,
+    ScenarioObject,
+    TrialProtocol,
+    as_written,
+    check_object_names,
+)
 from allegro_twin.grasping.verdict import PhaseWindow
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.kinematics.orientation import matrix_facing, mirror_quaternion, quaternion_from_matrix
+from allegro_twin.kinematics.orientation import matrix_facing, quaternion_from_matrix
 from allegro_twin.sim.model.scene import TABLE_END, Stage
 from allegro_twin.sim.model.wrist import WristSegment, wrist_angles
 from allegro_twin.sim.objects.catalogue import (
@@ -27,12 +34,12 @@ from allegro_twin.sim.objects.catalogue import (
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array, Vector
 
-# What the mirror in the world's x-z plane does to the wrist's six coordinates: slides along x, y, z, and turns, which
-# are pseudovectors, about the palm's x, y, z.
 DENSITY = 500.0  # kg/m³ of a mesh whose mass nobody says: between a hollow thing of plastic and a solid one. Assumed.
 _DENSEST = 25_000.0  # kg/m³; osmium has 22,590.
 _PART_OF_BOX = {"sphere": np.pi / 6, "cylinder": np.pi / 4, "ellipsoid": np.pi / 6, "box": 1.0}
 _MIRROR = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+"""What the mirror in the world's x-z plane does to the wrist's six coordinates: slides along x, y, z, and turns, which
+are pseudovectors, about the palm's x, y, z."""
 PUSHED = "push"
 """The window at whose end the object is over the table's edge."""
 BACK, BESIDE = 0.02, 0.10
@@ -75,7 +82,7 @@ def make_timeline(
         waypoints.append(replace(waypoint, seconds=seconds, profile=grasp.profile))
         segments.append(_segment(phase, seconds, scenario, spec.side))
         windows.append(PhaseWindow(phase.name, t, t + seconds, phase.check))
-        pushes.append(np.tile(_on_side(phase.push, spec.side), (round(seconds / period), 1)))
+        pushes.append(np.tile(as_written(spec.side) * phase.push, (round(seconds / period), 1)))
         t += seconds
     return TrialTimeline(tuple(windows), Moves(waypoints), segments, np.concatenate(pushes))
 
@@ -160,8 +167,8 @@ def make_stage(scenario: Scenario, protocol: TrialProtocol, side: Side, folder: 
         position = position + wrist.retreat
     rotation = matrix_facing(wrist.facing, wrist.fingers)
     if side == "left":
-        things = [_mirrored(thing) for thing in things]
-        mirror = np.diag([1.0, -1.0, 1.0])
+        things = [_mirrored(thing, own) for thing, own in zip(things, scenario.objects, strict=True)]
+        mirror = np.diag(as_written(side))
         stand = stand and (stand[0], -stand[1], *stand[2:])
         position, rotation = mirror @ position, mirror @ rotation @ mirror
     if protocol.mass is not None:
@@ -172,28 +179,24 @@ def make_stage(scenario: Scenario, protocol: TrialProtocol, side: Side, folder: 
             )
         things[0] = replace(things[0], thing=replace(things[0].thing, mass=protocol.mass))
     friction = (protocol.friction or scenario.friction) * protocol.physics.friction
+    physics = protocol.physics.physics()
+    x, y, z = (as_written(side) * physics.gravity + 0.0).tolist()  # No zero becomes -0.
     return Stage(
         position, quaternion_from_matrix(rotation), things, friction, not protocol.floating, edge, wrist=True,
-        stand=None if protocol.floating else stand, physics=protocol.physics.physics(),
+        stand=None if protocol.floating else stand, physics=replace(physics, gravity=(x, y, z)),
     )  # fmt: skip
-
-
-def _on_side(vector: tuple[float, float, float], side: Side) -> Vector:
-    """A vector of the world, seen in the mirror for a left hand."""
-    return np.array(vector) * (_MIRROR[:3] if side == "left" else 1.0)
 
 
 def _segment(phase: Phase, seconds: float, scenario: Scenario, side: Side) -> WristSegment:
     move = np.concatenate([phase.move, np.radians(phase.turn)])
     if phase.wrist == "approach":
         move[:3] -= scenario.wrist.retreat
-    if side == "left":
-        move = move * _MIRROR
-    shake = np.zeros(6)
+    mirror = _MIRROR if side == "left" else np.ones(6)
+    move, shake = move * mirror, np.zeros(6)
     if phase.shake is None:
         return WristSegment(seconds, move, shake)
     shake[:3] = phase.shake.acceleration
-    return WristSegment(seconds, move, shake, phase.shake.frequency)
+    return WristSegment(seconds, move, shake * mirror, phase.shake.frequency)
 
 
 def place_object(settings: ScenarioObject, folder: Path = Path()) -> PlacedObject:
@@ -258,7 +261,8 @@ def _check_density(thing: GraspObject) -> None:
         )
 
 
-def _mirrored(placement: PlacedObject) -> PlacedObject:
+def _mirrored(placement: PlacedObject, settings: ScenarioObject) -> PlacedObject:
+    """Its place and its yaw in the mirror: the same axis points up, and a shape stays what it is."""
     x, y, z = placement.position
-    w, i, j, k = mirror_quaternion(placement.quaternion).tolist()
-    return PlacedObject(placement.thing, (x, -y, z), (w, i, j, k))
+    turned = standing_orientation(settings.up, -float(np.radians(settings.yaw)))
+    return PlacedObject(placement.thing, (x, -y, z), tuple(turned))

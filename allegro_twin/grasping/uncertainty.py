@@ -40,15 +40,15 @@ class Uncertainty(Settings):
     position: Annotated[float, Field(ge=0, le=0.1)] = 0.010
     """Deviation of the object along x and y, m."""
     yaw: Annotated[float, Field(ge=0, le=180)] = 10.0
-    """About the vertical, degrees."""
+    """Deviation of the object's yaw about the vertical, degrees."""
     size: Share = 0.05
     """Deviation of all its measures together, as a fraction."""
     mass: Share = 0.2
-    """As a fraction."""
+    """Deviation of the object's mass, as a fraction."""
     friction: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]] | None = (0.5, 1.0)
     """Smallest and largest sliding friction; None: as the scenario has it."""
     torque: Share = 0.3
-    """What the motors give of what they are told, as a fraction."""
+    """Deviation of the motors' torque from the command, as a fraction."""
 
 
 @dataclass(frozen=True, slots=True)

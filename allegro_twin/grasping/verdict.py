@@ -31,7 +31,7 @@ class PhaseWindow:
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """What counts as held."""
+    """Conditions under which an object counts as held."""
 
     reference: str
     """Motion of the object is counted from the end of this phase."""
@@ -69,7 +69,7 @@ class Observations:
 
 @dataclass(frozen=True, slots=True)
 class PhaseReport:
-    """What happened in one phase."""
+    """Report of one phase."""
 
     name: str
     drift: float

@@ -8,19 +8,17 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, model_validator
 
+from allegro_twin.control.trajectory import FASTEST
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.schema import PerJoint, Settings
 from allegro_twin.hands.description.specs import card_side, hand_side
 from allegro_twin.spec import Side
 
-FASTEST_LIMIT = 60.0
-"""rad/s. No joint of a hand is so fast: a guard that allows more guards nothing."""
-
 
 def _rad_per_second(limit: PerJoint) -> PerJoint:
     for value in limit if isinstance(limit, list) else [limit]:
-        if not 0.0 < value <= FASTEST_LIMIT:
-            raise ValueError(f"{value:g} rad/s limits no joint: it must be above 0 and at most {FASTEST_LIMIT:g}")
+        if not 0.0 < value <= FASTEST:
+            raise ValueError(f"{value:g} rad/s limits no joint: it must be above 0 and at most {FASTEST:g}")
     return limit
 
 
@@ -59,7 +57,7 @@ class EpisodeSettings(Settings):
     environment: dict[str, Any] = Field(default_factory=dict)
     """Keywords of the environment but hand, side and period, which the config has."""
     seed: Annotated[int, Field(ge=0)] = 0
-    """Of the reset: object, size, start and goals."""
+    """Seed of the reset: object, size, start and goals."""
 
 
 class TaskSettings(Settings):

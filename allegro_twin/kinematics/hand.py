@@ -251,7 +251,7 @@ class HandKinematics:
 
 
 class _Coupling:
-    """From the joints that a hand drives to all that Pinocchio's model has, and back. A joint of the spec that the
+    """Map from the joints that a hand drives to all joints of Pinocchio's model, and back. A joint of the spec that the
     model does not have is a tendon's motor: it shows in the joints that follow it."""
 
     def __init__(self, spec: HandSpec, model: pin.Model) -> None:

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.arguments import check_margin, finite, rows
 from allegro_twin.kinematics.chain import FingerChain
-from allegro_twin.kinematics.orientation import matrix_from_euler, matrix_from_quaternion
+from allegro_twin.kinematics.orientation import angle_between, matrix_from_euler, matrix_from_quaternion
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.kinematics.solutions import Flags, Nearest, Solutions
 from allegro_twin.spec import HandSpec
@@ -138,9 +138,7 @@ class NumericFinger:
 
     def _missed(self, postures: Array, turns: Array) -> Vector:
         """Angles between the tips' orientations and those asked for, (targets,), rad."""
-        found = self.fk(postures).rotation
-        cosine = (np.einsum("nij,nij->n", found, turns) - 1.0) / 2.0
-        return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))
+        return angle_between(self.fk(postures).rotation, turns)
 
     def _starts(self, near: ArrayLike | None, shape: tuple[int, ...], limits: _Limits) -> Array:
         """A posture for each target to begin at, (targets, k), rad."""

@@ -4,7 +4,8 @@ A quaternion is (w, x, y, z); q and -q are one orientation. Euler angles are rol
 y and z, in that order, as in URDF: R = Rz(yaw) Ry(pitch) Rx(roll). A rotation vector is the axis times the angle. The
 columns of a matrix are the turned frame's axes. Angles rad; every function works over leading axes, and a row's result
 does not depend on how many there are (the products of linear algebra libraries do). NaN gives NaN, except of a
-quaternion that has to be brought to length one. Raises ConfigError for other shapes.
+quaternion that has to be brought to length one. Raises ConfigError for other shapes. Functions take NumPy's arrays, and
+what becomes one; those that take PyTorch's tensors, too, and return them, say so.
 """
 
 from __future__ import annotations
@@ -74,7 +75,7 @@ def quaternion_from_euler(angles: ArrayLike) -> Array:
 
 
 def quaternion_from_vector(turn: ArrayLike) -> Array:
-    """The quaternion of a rotation vector, shape (..., 3), rad → (..., 4)."""
+    """The quaternion of a rotation vector, shape (..., 3), rad → (..., 4). Takes tensors, too."""
     vector = _given("rotation vectors", turn, 3)
     xp, size = array_namespace(vector), _length(vector)
     scale = xp.where(size > 1e-12, xp.sin(size / 2) / xp.maximum(size, 1e-12), 0.5)
@@ -91,7 +92,7 @@ def vector_from_quaternion(quaternion: ArrayLike) -> Array:
 
 
 def quaternion_product(first: ArrayLike, second: ArrayLike) -> Array:
-    """The quaternion product, the turn `second` in the axes that `first` has turned, (..., 4)."""
+    """The quaternion product, the turn `second` in the axes that `first` has turned, (..., 4). Takes tensors, too."""
     one, other = _given("quaternions", first, 4), _given("quaternions", second, 4)
     a, b, c, d = (one[..., k] for k in range(4))
     w, x, y, z = (other[..., k] for k in range(4))
@@ -104,13 +105,8 @@ def quaternion_conjugate(quaternion: ArrayLike) -> Array:
     return rows("quaternions", quaternion, 4) * (1.0, -1.0, -1.0, -1.0)
 
 
-def mirror_quaternion(quaternion: ArrayLike) -> Array:
-    """The mirror image of an orientation in the x-z plane, for a left hand, (..., 4)."""
-    return rows("quaternions", quaternion, 4) * (1.0, -1.0, 1.0, -1.0)
-
-
 def rotate_quaternion(quaternion: ArrayLike, turn: ArrayLike) -> Array:
-    """An orientation (..., 4) turned by a rotation vector (..., 3), rad, in the axes of the world."""
+    """An orientation (..., 4) turned by a rotation vector (..., 3), rad, in the world's axes. Takes tensors, too."""
     return quaternion_product(quaternion_from_vector(turn), quaternion)
 
 
@@ -118,13 +114,6 @@ def rotate_vector(vector: ArrayLike, turn: ArrayLike) -> Array:
     """Vectors (..., 3) turned by rotation vectors (..., 3), rad."""
     turned = matrix_from_quaternion(quaternion_from_vector(turn)) @ rows("vectors", vector, 3)[..., None]
     return np.asarray(turned[..., 0])
-
-
-def yaw_between(before: ArrayLike, after: ArrayLike) -> Array:
-    """How far an orientation has turned about the world's z, (...), rad: the twist of after · before⁻¹ about z."""
-    change = quaternion_product(after, quaternion_conjugate(before))
-    turn = 2.0 * np.arctan2(change[..., 3], change[..., 0])
-    return (turn + np.pi) % (2.0 * np.pi) - np.pi
 
 
 def slerp(first: ArrayLike, second: ArrayLike, part: ArrayLike) -> Array:
@@ -140,7 +129,8 @@ def angle_between(first: ArrayLike, second: ArrayLike) -> Array:
 
 
 def angle_between_quaternions(first: ArrayLike, second: ArrayLike) -> Array:
-    """The angle between quaternions (..., 4) of any length, rad: twice Kahan's angle of two vectors."""
+    """The angle between quaternions (..., 4) of any length, rad: twice Kahan's angle of two vectors. Takes tensors,
+    too."""
     one, other = _given("quaternions", first, 4), _given("quaternions", second, 4)
     p, q = one / _length(one)[..., None], other / _length(other)[..., None]
     apart, along, xp = _length(p - q), _length(p + q), array_namespace(one)
@@ -213,7 +203,8 @@ def entries_of_euler(m: Maths[T], roll: T, pitch: T, yaw: T) -> Entries[T]:
 
 
 def is_rotation(m: Maths[T], turn: Entries[T]) -> bool:
-    """Whether the columns are orthonormal, to 1e-6, and right-handed; of a batch, all of them."""
+    """Whether the columns are orthonormal, their squared lengths to 1.1e-5 and their products to 1e-6, as
+    `numpy.allclose` has it, and right-handed; of a batch, all of them."""
     a, b, c, d, e, f, g, h, i = turn
     off = (abs(a * a + d * d + g * g - 1.0) > 1.1e-5) | (abs(b * b + e * e + h * h - 1.0) > 1.1e-5)
     off |= (abs(c * c + f * f + i * i - 1.0) > 1.1e-5) | (abs(a * b + d * e + g * h) > 1e-6)

@@ -14,7 +14,7 @@ from allegro_twin.types import Array
 
 
 class LinkPlacement(NamedTuple):
-    """Where a frame is in another."""
+    """Pose of a frame in another."""
 
     position: Array
     """(3,), m."""

@@ -117,7 +117,7 @@ class _File:
 
 
 class _Done(NamedTuple):
-    """What is safely in the file."""
+    """Rows that are safely in the file."""
 
     size: int
     """Bytes."""

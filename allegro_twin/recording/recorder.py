@@ -29,7 +29,7 @@ ExtraColumns = Callable[[], Mapping[str, Array]]
 
 
 class _Written(NamedTuple):
-    """What is safely in the file."""
+    """Rows that are safely in the file."""
 
     rows: int
     messages: int

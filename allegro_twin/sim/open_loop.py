@@ -36,7 +36,7 @@ tells more. Ours."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DriveParameters:
-    """What is between a fraction of full PWM and a motion, (n,) each."""
+    """Parameters between a fraction of full PWM and a motion, (n,) each."""
 
     torque_constant: Vector
     """N·m at full PWM."""

@@ -33,7 +33,7 @@ class SimSettings(BackendSettings):
 
 
 class SceneSettings(SimSettings):
-    """How a virtual hand stands, and what it really is."""
+    """Pose of a virtual hand, and its true parameters."""
 
     truth: str | dict[str, Any] | None = None
     """What is hidden from the host: the blocks `actuation`, `drive` and `wire` of a hand's file, or such a file; they

@@ -47,28 +47,28 @@ class Drive:
     """Torque against the joint's angle, N·m/rad: a spring's, or a cable's that is bent. With `bias_torque` it rests at
     bias_torque / stiffness."""
     uneven_damping: Vector
-    """By how much damping is larger forwards, and smaller backwards, N·m·s/rad."""
+    """Half the difference of forward and backward damping, N·m·s/rad: larger forwards."""
     cogging_cosine: Vector
-    """Torque that comes again with the angle q, N·m: this times cos(N q) …"""
+    """Cosine part of the cogging torque, N·m: the factor of cos(N q), N being `cogging_periods`."""
     cogging_sine: Vector
-    """… and this times sin(N q), N·m …"""
+    """Sine part of the cogging torque, N·m: the factor of sin(N q)."""
     cogging_periods: Vector
-    """… with N periods in a turn; 0: none."""
+    """Periods N of cogging in a turn; 0: none."""
     ripple_cosine: Vector
-    """Share by which the motor's torque changes with the angle q: this times cos(N q) …"""
+    """Cosine part of torque ripple, as a share of the motor's torque: the factor of cos(N q), N being
+    `ripple_periods`."""
     ripple_sine: Vector
-    """… and this times sin(N q) …"""
+    """Sine part of torque ripple, as a share of the motor's torque: the factor of sin(N q)."""
     ripple_periods: Vector
-    """… with N periods in a turn; 0: it does not."""
+    """Periods N of torque ripple in a turn; 0: none."""
     cold_friction: Vector
-    """Share by which friction and damping are larger when the motors are switched on …"""
+    """Share by which friction and damping are larger when the motors are switched on."""
     warm_up: Vector
-    """… and the time constant in which that falls, s; 0: it does not fall, and there is none."""
+    """Time constant in which `cold_friction` falls, s; 0: no such friction."""
     tip_mass: Vector
     """Mass of a weight at the fingertip, kg: at the last joint of a finger; 0 elsewhere."""
     tilt: Vector
-    """By how much the palm leans from what is said of gravity: rotation vector of gravity in the palm's frame, (3,),
-    rad."""
+    """Lean of the palm from the stated gravity: rotation vector of gravity in the palm's frame, (3,), rad."""
     seed: int = 0
     """Seed of the noise."""
 

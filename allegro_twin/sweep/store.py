@@ -39,7 +39,7 @@ class StoreContent(NamedTuple):
 
 
 class RowStore(Protocol):
-    """Where the rows of a sweep go, a unit at a time."""
+    """Store of a sweep's rows, a unit at a time."""
 
     def keys(self) -> set[str]: ...
     def add(self, table: Any) -> None: ...

@@ -12,7 +12,7 @@ from allegro_twin.testing.rules import RULES, ContractViolation, DoesNotApply, M
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What came of one rule."""
+    """Result of one rule."""
 
     rule: str
     """Its name in words."""

@@ -33,7 +33,7 @@ from everywhere, behind what casts them."""
 
 
 class Scene(Protocol):
-    """What can be looked at: a backend, or one simulation of a batch."""
+    """Scene to render: a backend, or one simulation of a batch."""
 
     @property
     def spec(self) -> HandSpec: ...

@@ -79,8 +79,8 @@ os.register_at_fork(after_in_child=_after_fork)
 
 
 class OffscreenRenderer:
-    """What is drawn of one model. Raises what MuJoCo raises where nothing can be rendered. For the thread that made it:
-    elsewhere, and in a fork of a process that has rendered, all that draws raises ConfigError.
+    """Offscreen renderer of one model. Raises what MuJoCo raises where nothing can be rendered. For the thread that
+    made it: elsewhere, and in a fork of a process that has rendered, all that draws raises ConfigError.
 
     Not `sites`: without the marks that only programs see. With `shadows`, m around the middle of the scene, pictures
     are smooth, and there are shadows only so far.

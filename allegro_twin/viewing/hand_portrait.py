@@ -22,7 +22,7 @@ from allegro_twin.viewing.gl_context import OffscreenRenderer, PinholeView
 SIZE = 720
 """Pixels, of the picture's edges."""
 SECONDS, RATE = 10.0, 20
-"""Of the film, and pictures a second."""
+"""Duration of the film, s, and pictures a second."""
 _WIDE = np.tan(np.radians(18.0))  # Half the width of what is seen, a metre ahead.
 _FILLED = 0.86  # Of the picture's width, by the hand.
 _APART = 0.008  # m, between the labels of two joints.

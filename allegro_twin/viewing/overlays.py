@@ -26,7 +26,7 @@ class Mark:
     """Position and quaternion in the world, (7,), m."""
     color: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
     material: str | None = None
-    """Of the scene, in place of the colour."""
+    """Material of the scene, in place of the colour."""
 
 
 def add(scene: Any, model: mujoco.MjModel, marks: Sequence[Mark]) -> None:

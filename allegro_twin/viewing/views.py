@@ -25,9 +25,10 @@ class View:
     """A place to look from, on a sphere around the middle of the grasp, as a right hand sees it."""
 
     azimuth: float
-    """Of the direction of looking about the world's vertical, degrees; the left hand is seen from the mirror image."""
+    """Azimuth of the viewing direction about the world's vertical, degrees; the left hand is seen from the mirror
+    image."""
     elevation: float
-    """Of the direction of looking: negative from above, degrees."""
+    """Elevation of the viewing direction, degrees: negative from above."""
     distance: float
     """m."""
 

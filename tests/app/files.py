@@ -12,6 +12,7 @@ from allegro_twin.grasping.scenario import load_scenario
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.kinematics.orientation import matrix_facing, quaternion_from_matrix
+from allegro_twin.spec import Side
 from allegro_twin.types import Array
 
 SHORT = """version: 7
@@ -41,13 +42,15 @@ def scenario(folder: Path, friction: float = 0.8) -> Path:
     return mine
 
 
-def grasps(path: Path, count: int = 1, thing: str = "lemon", hand: str = "allegro") -> Grasps:
+def grasps(path: Path, count: int = 1, thing: str = "lemon", hand: str = "allegro", side: Side = "right") -> Grasps:
     """A hand's own grasp of the lemon as a file of DexGraspBench's, each 1 mm further along x."""
-    spec = load_spec(hand)
+    spec = load_spec(hand, side)
     settings, _ = load_scenario("lemon" if hand == "allegro" else f"{hand}_lemon")
     grasp = load_grasp(settings.grasp, spec)
     turn = quaternion_from_matrix(matrix_facing(settings.wrist.facing, settings.wrist.fingers))
     x, y, z = settings.wrist.position
+    if side == "left":
+        y, turn = -y, turn * [1.0, -1.0, 1.0, -1.0]
     palms: Array = np.array([[x + 0.001 * k, y, z, *turn] for k in range(count)])
     joints = [[grasp.preshape, grasp.close, grasp.squeeze]] * count
     made = check_grasps(

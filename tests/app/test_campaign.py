@@ -22,12 +22,16 @@ from allegro_twin.grasping.evaluation.campaign import (
 from allegro_twin.grasping.evaluation.outcomes import compare_pairs, rates, summarise
 from allegro_twin.grasping.interchange.read import import_grasp
 from allegro_twin.grasping.metrics.trial_metrics import NAMES, trial_metrics
+from allegro_twin.grasping.scenario import load_protocol
+from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.limits import hand_limits
 from allegro_twin.hands.settings import LimitSettings
+from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard
 from allegro_twin.sim.objects.meshes import mesh_middle
+from allegro_twin.spec import Side
 from allegro_twin.sweep import Sweep
 from tests.app.files import grasps, scenario, short
 
@@ -153,6 +157,22 @@ def test_the_palm_is_where_the_file_has_it_from_the_middle_of_the_mesh(tmp_path:
     np.testing.assert_allclose(mesh_middle(mesh), [0.02, 0.01, 0.03], atol=1e-12)
     np.testing.assert_allclose(np.cross(wrist.facing, wrist.fingers) @ np.cross(wrist.facing, wrist.fingers), 1.0)
     np.testing.assert_array_equal(found.grasp.close, made.close[1])
+
+
+@pytest.mark.parametrize("row", [0, 1])
+def test_a_palm_of_a_file_is_in_its_scene_where_the_file_has_it_for_either_hand(
+    row: int, side: Side, tmp_path: Path
+) -> None:
+    (tmp_path / "block.obj").write_text(BLOCK)
+    made = grasps(tmp_path / "0.npy", count=2, thing="block.obj", side=side)
+    found = import_grasp(tmp_path / "0.npy", row, load_spec(side=side))
+    stage = make_stage(found.scenario, load_protocol("fc"), side, found.folder)
+    (block,) = stage.things
+    palm = made.palm_from(mesh_middle(tmp_path / "block.obj"))[row, 1]
+    np.testing.assert_array_equal(np.abs(block.quaternion), [1.0, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(stage.position - block.position, palm[:3], atol=1e-12)
+    turn = matrix_from_quaternion(stage.quaternion)
+    np.testing.assert_allclose(turn, matrix_from_quaternion(palm[3:]), atol=1e-12)
 
 
 def test_an_object_that_is_not_here_is_asked_for(tmp_path: Path) -> None:

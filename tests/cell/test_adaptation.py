@@ -150,8 +150,8 @@ class Counted:
 
 
 @pytest.mark.parametrize(("counts", "searches"), [
-    ({"grown": 0}, 1), ({"grown": 9, "looked": 9}, 1), ({"grown": 9, "looked": 9, "reached": 2, "lifted": 1}, 1),
-    ({"grown": 9, "looked": 9, "reached": 2}, 2), ({"grown": 9, "weak": 9}, 2),
+    ({"grown": 0}, 1), ({"grown": 9, "examined": 9}, 1), ({"grown": 9, "examined": 9, "reached": 2, "lifted": 1}, 1),
+    ({"grown": 9, "examined": 9, "reached": 2}, 2), ({"grown": 9, "weak": 9}, 2),
 ])  # fmt: skip
 def test_a_thing_is_tried_as_a_lighter_one_only_where_its_weight_may_be_in_the_way(
     counts: dict[str, int], searches: int, monkeypatch: pytest.MonkeyPatch
@@ -173,7 +173,7 @@ def test_what_weighs_the_least_already_is_not_tried_as_a_lighter_one(monkeypatch
 def test_what_scatters_between_two_pictures_is_not_searched_again_and_what_was_moved_is(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    counted, mine = Counted(monkeypatch, grown=9, looked=9), adapter()
+    counted, mine = Counted(monkeypatch, grown=9, examined=9), adapter()
     rod = TableObject("lying cylinder", (0.0886, 0.0138, 0.0138), 0.0, np.array([-0.010, 0.062, 0.007]))
     again = replace(rod, extents=(0.0895, 0.0145, 0.0145), yaw=0.04, position=np.array([-0.010, 0.057, 0.007]))
     moved = replace(rod, position=np.array([0.010, 0.062, 0.007]))
@@ -184,7 +184,7 @@ def test_what_scatters_between_two_pictures_is_not_searched_again_and_what_was_m
 
 
 def test_what_failed_beside_something_is_searched_for_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    counted, mine = Counted(monkeypatch, grown=9, looked=9), adapter()
+    counted, mine = Counted(monkeypatch, grown=9, examined=9), adapter()
     handle = TableObject("box", (0.03, 0.02, 0.06), 0.0, np.array([0.05, 0.0, 0.03]))
     for others, searches in (([handle], 1), ([handle], 1), ([], 2), ([], 2)):
         with pytest.raises(ConfigError):
@@ -193,7 +193,7 @@ def test_what_failed_beside_something_is_searched_for_alone(monkeypatch: pytest.
 
 
 def test_what_no_finger_closes_on_is_searched_once_wherever_it_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    counted, mine = Counted(monkeypatch, grown=1, looked=1, reached=1), adapter()
+    counted, mine = Counted(monkeypatch, grown=1, examined=1, reached=1), adapter()
     rod = TableObject("lying cylinder", (0.0886, 0.0138, 0.0138), 0.0, np.array([-0.010, 0.062, 0.007]))
     for body in (rod, replace(rod, yaw=0.2, position=np.array([0.1, 0.05, 0.007]))):
         with pytest.raises(ConfigError, match=rf"at \({body.position[0]:.3f}, "):
@@ -206,7 +206,7 @@ def test_what_no_finger_closes_on_is_searched_once_wherever_it_is_seen(monkeypat
 
 def test_a_search_says_what_it_searches_for_and_how_far_each_round_came(monkeypatch: pytest.MonkeyPatch) -> None:
     said = list[str]()
-    Counted(monkeypatch, grown=9, looked=4)
+    Counted(monkeypatch, grown=9, examined=4)
     mine = replace(adapter(settings=FEW.model_copy(update={"rounds": 3})), on_progress=said.append)
     with pytest.raises(ConfigError):
         mine.plan(BOX, itself)

@@ -71,7 +71,7 @@ def test_what_is_too_large_is_left_and_named_and_the_rest_is_put_away() -> None:
 def test_the_hand_opens_above_the_tray_with_the_object_in_its_middle() -> None:
     cell = cell_of(tray=TRAY.model_dump())
     plan = plain_grasps(table_object(BALL), cell.robot, cell.posture, cell.settings.lift)[0]
-    way, lifted = plan.way, plan.there[1]
+    way, lifted = plan.candidate, plan.there[1]
     path = release_path(TRAY, way, way.palm, BALL, (), lifted, cell)
     turn = path.palm.rotation @ way.palm.rotation.T
     middle = path.palm.position + turn @ (BALL.position - way.palm.position)
@@ -124,9 +124,9 @@ def test_a_tray_out_of_reach_is_refused_with_its_place() -> None:
     plan = plain_grasps(table_object(BALL), cell.robot, cell.posture, cell.settings.lift)[0]
     far = TRAY.model_copy(update={"at": (1.5, 0.3)})
     with pytest.raises(ConfigError, match=r"does not get to the tray at \(1.5, 0.3\) with the sphere"):
-        release_path(far, plan.way, plan.way.palm, BALL, (), plan.there[1], cell)
-    assert reaches_tray(TRAY, plan.way.palm, BALL, plan.there[1], cell)
-    assert not reaches_tray(far, plan.way.palm, BALL, plan.there[1], cell)
+        release_path(far, plan.candidate, plan.candidate.palm, BALL, (), plan.there[1], cell)
+    assert reaches_tray(TRAY, plan.candidate.palm, BALL, plan.there[1], cell)
+    assert not reaches_tray(far, plan.candidate.palm, BALL, plan.there[1], cell)
 
 
 def test_a_tray_out_of_reach_is_refused_before_anything_moves() -> None:
@@ -146,22 +146,22 @@ def test_what_cannot_be_brought_to_the_tray_is_not_taken() -> None:
     with pytest.raises(ConfigError, match="from where it would hold it, it does not get to the tray"):
         plan_grasp(BALL, cell, deliverable=never)
     assert len(asked) > 1
-    first = asked[0].way.palm.position
-    chosen = plan_grasp(BALL, cell, deliverable=lambda plan: not np.allclose(plan.way.palm.position, first))
-    assert not np.allclose(chosen.way.palm.position, first)
+    first = asked[0].candidate.palm.position
+    chosen = plan_grasp(BALL, cell, deliverable=lambda plan: not np.allclose(plan.candidate.palm.position, first))
+    assert not np.allclose(chosen.candidate.palm.position, first)
 
 
 def test_a_grasp_that_is_preferred_comes_first_and_any_will_do_where_none_is() -> None:
     cell = cell_of()
-    first = plan_grasp(BALL, cell).way.palm.position
-    other = plan_grasp(BALL, cell, prefer=lambda plan: not np.allclose(plan.way.palm.position, first))
-    assert not np.allclose(other.way.palm.position, first)
-    np.testing.assert_array_equal(plan_grasp(BALL, cell, prefer=lambda plan: False).way.palm.position, first)
+    first = plan_grasp(BALL, cell).candidate.palm.position
+    other = plan_grasp(BALL, cell, prefer=lambda plan: not np.allclose(plan.candidate.palm.position, first))
+    assert not np.allclose(other.candidate.palm.position, first)
+    np.testing.assert_array_equal(plan_grasp(BALL, cell, prefer=lambda plan: False).candidate.palm.position, first)
 
 
 def test_fingers_tell_a_grasp_that_rests_far_from_where_it_would_close_on_nothing() -> None:
     cell = cell_of()
-    way = plan_grasp(BALL, cell).way
+    way = plan_grasp(BALL, cell).candidate
     nothing = empty_grasp(cell.settings.hand, way.card.grasp, way.palm.rotation).position
     closing = np.sign(way.card.grasp.squeeze - way.card.grasp.preshape)
     for rest, told in ((None, True), (nothing, False), (nothing - 0.3 * closing, True)):
@@ -191,14 +191,14 @@ def test_the_way_back_goes_up_across_and_down_unless_the_palm_is_above_already()
     cell = cell_of(tray=TRAY.model_dump())
     work = CellActions(cell)
     plan = plain_grasps(table_object(BALL), cell.robot, cell.posture, cell.settings.lift)[0]
-    work._grasped = plan.way.palm
+    work._grasped = plan.candidate.palm
     for posture, ways in ((plan.there[1], 1), (cell.posture, 3)):
         above, left = work._way_back(replace(cell.arm.reset(), position=posture))
         assert len(left) == ways
-        assert left[-1] is plan.way.palm
-        np.testing.assert_allclose(above.position[:2], plan.way.palm.position[:2])
-        assert all(isinstance(each, Pose) and each.position[2] >= plan.way.palm.position[2] for each in left)
-        assert above.position[2] > plan.way.palm.position[2] + 0.1
+        assert left[-1] is plan.candidate.palm
+        np.testing.assert_allclose(above.position[:2], plan.candidate.palm.position[:2])
+        assert all(isinstance(each, Pose) and each.position[2] >= plan.candidate.palm.position[2] for each in left)
+        assert above.position[2] > plan.candidate.palm.position[2] + 0.1
 
 
 def test_what_meets_something_where_it_comes_down_has_arrived_and_is_led_away_from_anything_before() -> None:
@@ -222,14 +222,14 @@ def test_another_grasp_is_taken_of_what_is_alike_after_a_miss_and_the_same_where
     selector, (frame, alone, seen) = ObjectSelector(cell), looked(cell)
     first = selector.first(seen, frame, alone)
     assert isinstance(first, SelectedObject)
-    selector.missed(first.plan.way.card, first.found.solid, leave=False)
+    selector.missed(first.plan.candidate.card, first.found.solid, leave=False)
     second = selector.first(seen, frame, alone)
     assert isinstance(second, SelectedObject)
-    assert second.plan.way.card.name != first.plan.way.card.name
+    assert second.plan.candidate.card.name != first.plan.candidate.card.name
     for card in stored_grasps("allegro"):
         selector.missed(card, first.found.solid, leave=False)
     assert isinstance(selector.first(seen, frame, alone), SelectedObject)
-    selector.missed(first.plan.way.card, first.found.solid, leave=True)
+    selector.missed(first.plan.candidate.card, first.found.solid, leave=True)
     left = selector.first(seen, frame, alone)
     assert isinstance(left, CellOutcome)
     assert "was not held" in left.sentence
@@ -243,10 +243,10 @@ def test_an_empty_table_on_which_things_were_seen_says_so_and_what_stands_outsid
     frame, alone, seen = looked(empty)
     found = selector.first(seen, frame, alone)
     assert isinstance(found, CellOutcome)
-    assert (found.reason, selector.doubt) == ("outside", "1 object was seen: see what has become of 1")
+    assert (found.reason, selector.warning) == ("outside", "1 object was seen: see what has become of 1")
     selector.put_away()
     selector.first(seen, frame, alone)
-    assert not selector.doubt
+    assert not selector.warning
 
 
 def test_what_slipped_out_of_the_hand_into_the_tray_is_not_sought() -> None:
@@ -257,7 +257,7 @@ def test_what_slipped_out_of_the_hand_into_the_tray_is_not_sought() -> None:
     empty = cell_of(tray=TRAY.model_dump(), objects=[{"name": "apple", "at": [0.42, -0.42]}])
     frame, alone, seen = looked(empty)
     selector.first(seen, frame, alone)
-    assert not selector.doubt
+    assert not selector.warning
 
 
 def looked(cell: Cell) -> tuple[CameraFrame, Cloud, list[Detection | PerceptionRefusal]]:
@@ -323,7 +323,7 @@ def test_a_thing_that_is_too_small_to_be_known_is_named_beside_one_that_is_known
     selector._most = 1  # It was larger in an earlier picture.
     found = selector.first(seen, frame, alone)
     assert isinstance(found, CellOutcome)
-    assert (found.reason, selector.doubt) == ("small", "")
+    assert (found.reason, selector.warning) == ("small", "")
 
 
 def test_the_parts_of_what_may_be_one_body_count_once() -> None:

@@ -50,7 +50,7 @@ def test_a_force_sensor_that_drifts_is_suspect_and_the_fingers_still_tell(
 ) -> None:
     cell = cell_of()
     report = perform(drifting(cell, force, at))
-    assert report.end.word == "held"
+    assert report.end.kind == "held"
     assert report.is_lifted
     assert "the force sensor is suspect" in report.end.sentence
 
@@ -170,7 +170,7 @@ def test_an_encoder_that_is_off_never_makes_an_empty_hand_hold(joint: int, degre
     cell = cell_of(**LIGHT)
     wrong = replace(cell, hand=Misread(cell.hand, joint, float(np.radians(degrees))))
     report = perform(wrong, on_state=lambda now: away(cell, now, "Approach", "foam_brick") if empty else None)
-    assert report.is_lifted or report.end.word != "held"
+    assert report.is_lifted or report.end.kind != "held"
 
 
 @pytest.mark.slow
@@ -235,8 +235,8 @@ def test_a_thing_that_is_moved_on_the_way_is_looked_for_again_and_never_said_to_
             cell.robot.world.data.joint("apple").qpos[:2] += way
 
     report = perform(cell, on_state=moved)
-    assert (report.end.word == "held") == report.is_lifted
-    assert report.end.word == "held" or report.end.reason in ("outside", "no_object")  # A ball that was hit rolls away.
+    assert (report.end.kind == "held") == report.is_lifted
+    assert report.end.kind == "held" or report.end.reason in ("outside", "no_object")  # A ball that was hit rolls away.
     assert report.tries == 2
 
 

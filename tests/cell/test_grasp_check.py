@@ -246,10 +246,10 @@ def test_what_fingers_cannot_tell_is_held_where_torque_weight_and_camera_all_say
 
 
 def test_a_doubted_weight_does_not_stand_in_for_fingers_that_cannot_tell() -> None:
-    found = replace(check_grasp(0.3, 0.053, 1.0, 0.0912, SEEN, SETTINGS), doubt="its zero moved")
+    found = replace(check_grasp(0.3, 0.053, 1.0, 0.0912, SEEN, SETTINGS), warning="its zero moved")
     said = grasp_verdict(1.0, found, SEEN, lambda: True, SETTINGS)
     assert (said.held, said.loaded) == (False, True)
-    assert "the fingers cannot tell whether it was: 0.09 N·m are between them" in said.doubt
+    assert "the fingers cannot tell whether it was: 0.09 N·m are between them" in said.warning
 
 
 @pytest.mark.parametrize(("between", "weight", "sight", "held"), [

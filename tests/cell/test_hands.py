@@ -61,7 +61,7 @@ def test_a_hand_holds_most_things_of_the_demo_wherever_they_stand_and_says_nothi
         x, y, yaw = (float(draw) for draw in draws.uniform((-0.08, -0.08, -180.0), (0.08, 0.08, 180.0)))
         report = taken(with_objects(settings, [TableObjectSettings(name=name, at=(x, y), yaw=yaw)], seed))
         held += report.is_lifted
-        assert report.is_lifted or report.end.word != "held", name
+        assert report.is_lifted or report.end.kind != "held", name
     assert held >= 10  # Of 12: docs/results/cell.md names those that are not.
 
 

@@ -27,7 +27,7 @@ def cell() -> Cell:
 def clearance(cell: Cell) -> Iterator[ObstacleClearance]:
     cell.robot.arm.reset()
     yield cell.clearance
-    cell.clearance.nothing()
+    cell.clearance.clear_table()
 
 
 def through(cell: Cell, *postures: Vector) -> tuple[Array, Array]:
@@ -45,8 +45,8 @@ def moved(cell: Cell, **joints: float) -> Vector:
 
 
 def test_nothing_is_in_the_way_of_a_hand_that_turns_in_the_air(cell: Cell, clearance: ObstacleClearance) -> None:
-    clearance.nothing()
-    assert clearance.on_way(*through(cell, cell.posture, moved(cell, q0=0.8), moved(cell, q0=-0.8))) is None
+    clearance.clear_table()
+    assert clearance.check_path(*through(cell, cell.posture, moved(cell, q0=0.8), moved(cell, q0=-0.8))) is None
 
 
 @pytest.mark.parametrize("kind", ["box", "sphere", "cylinder", "lying ellipsoid", "lying cylinder"])
@@ -56,27 +56,27 @@ def test_a_thing_that_stands_in_the_way_is_named_and_one_beside_it_is_none(
     palm = cell.robot.palm(cell.robot.arm.reset()).position
     way = through(cell, moved(cell, q0=-0.6), moved(cell, q0=0.6))
     clearance.see(TableObject(kind, (0.1, 0.1, 0.1), 0.3, palm - np.array([0.0, 0.0, 0.05])))
-    met = clearance.on_way(*way)
+    met = clearance.check_path(*way)
     assert met is not None
     assert met.other == "the thing"
     assert met.distance < NEAR
     clearance.see(TableObject(kind, (0.1, 0.1, 0.1), 0.3, palm + np.array([0.5, 0.0, -0.05])))
-    assert clearance.on_way(*way) is None
+    assert clearance.check_path(*way) is None
 
 
 def test_a_table_in_the_way_is_named_and_a_hand_that_lies_on_it_may_rise(
     cell: Cell, clearance: ObstacleClearance
 ) -> None:
-    clearance.nothing()
+    clearance.clear_table()
     down = through(cell, cell.posture, moved(cell, q1=1.0))
-    met = clearance.on_way(*down)
+    met = clearance.check_path(*down)
     assert met is not None
     assert str(met).endswith("the table")
     near = next(
-        row for row in range(len(down[0])) if clearance.on_way(down[0][: row + 1], down[1][: row + 1]) is not None
+        row for row in range(len(down[0])) if clearance.check_path(down[0][: row + 1], down[1][: row + 1]) is not None
     )
     up = down[0][near::-1], down[1][near::-1]
-    assert clearance.on_way(*up) is None
+    assert clearance.check_path(*up) is None
 
 
 @pytest.mark.slow
@@ -114,13 +114,13 @@ def test_every_fingertip_that_is_near_something_is_found_whatever_its_shapes(
 ) -> None:
     tip = cell.robot.world.data.site(cell.hand.spec.finger(finger).tip).xpos.copy()
     here = cell.posture[None], cell.open[None]
-    clearance.nothing()
+    clearance.clear_table()
     assert clearance.of_others(*here) is None
-    clearance.beside([TableObject("box", (0.02, 0.02, 0.1), 0.0, tip - np.array([0.0, 0.0, 0.055]))])
+    clearance.set_obstacles([TableObject("box", (0.02, 0.02, 0.1), 0.0, tip - np.array([0.0, 0.0, 0.055]))])
     met = clearance.of_others(*here)
     assert met is not None
     assert met.other == "another object"
     clearance.see(TableObject("box", (0.02, 0.02, 0.1), 0.0, tip - np.array([0.0, 0.0, 0.055])))
     assert {other for _, other in clearance._near(cell.posture, cell.open)} >= {"the thing", "another object"}
-    clearance.nothing()
+    clearance.clear_table()
     assert not clearance.crowded

@@ -128,7 +128,7 @@ def test_the_object_that_is_chosen_is_judged_whichever_the_config_names_first_an
     assert report.error < 0.003
     assert report.moved == ()
     assert report.checked is not None
-    assert report.checked.doubt == ""
+    assert report.checked.warning == ""
 
 
 def test_an_object_in_every_way_is_refused_and_named() -> None:
@@ -158,7 +158,7 @@ def test_nothing_is_said_to_be_held_that_is_not_and_no_other_object_is_swept_awa
     names = ["apple", "sugar_box", "tuna_fish_can", "golf_ball", "chips_can", "foam_brick"]
     cell = cell_of(objects=[each.model_dump() for each in drawn(names, draws)], seed=seed)
     report = perform(cell)
-    assert report.is_lifted or report.end.word != "held"
+    assert report.is_lifted or report.end.kind != "held"
     assert report.moved == ()
 
 

@@ -21,7 +21,7 @@ REFLEX = CellOutcome("fault", "cartesian_reflex", "the force on the flange of fe
 
 
 def test_recordings_ros_and_panel_hear_of_a_reflex_when_the_arm_backs_off() -> None:
-    work: Any = SimpleNamespace(target=SimpleNamespace(way=None), held=SimpleNamespace(found=None))
+    work: Any = SimpleNamespace(target=SimpleNamespace(candidate=None), held=SimpleNamespace(found=None))
     row = state_entry(MachineState("Retreat", 1.5, cause=REFLEX), work)
     assert (row["reason"], row["sentence"]) == ("cartesian_reflex", REFLEX.sentence)
     assert "end" not in row

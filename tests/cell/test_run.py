@@ -104,7 +104,7 @@ def test_a_target_that_does_not_stand_still_is_refused_and_the_arm_does_not_go_t
 def test_by_events_the_same_is_done_in_less_time() -> None:
     clock, event = cell_of(), cell_of(decide={"by": "event"})
     slow, fast = perform(clock), perform(event)
-    assert (slow.end.word, fast.end.word) == ("held", "held")
+    assert (slow.end.kind, fast.end.kind) == ("held", "held")
     assert fast.events[-1][0] < slow.events[-1][0]
 
 

@@ -149,7 +149,7 @@ def ends(cell: Cell, runner: ModuleType) -> None:
         return
     finally:
         cell.close()
-    assert report.is_lifted or report.end.word != "held"
+    assert report.is_lifted or report.end.kind != "held"
 
 
 def rows(places: list[Any]) -> list[Any]:

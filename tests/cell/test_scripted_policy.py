@@ -36,7 +36,7 @@ class Desk:
         here = Pose(np.array([0.3, 0.1, 0.4]), np.eye(3))
         path = SimpleNamespace(goal=np.zeros(2))
         self.scene = SimpleNamespace(palm=here, aim=here, path=path)
-        self.now = SimpleNamespace(way=way, scene=self.scene, grasp=grasp, seconds=PERIOD, closed=0.0)
+        self.now = SimpleNamespace(candidate=way, scene=self.scene, grasp=grasp, seconds=PERIOD, closed=0.0)
         self.settings = SimpleNamespace(step=0.05, turn=0.5, close=0.25, control=control)
         self.script = ScriptedPick(SimpleNamespace(episodes=self.now, settings=self.settings))  # type: ignore[arg-type]
 

@@ -201,7 +201,7 @@ def test_of_what_nobody_knows_whether_it_is_held_is_put_back_and_left_and_a_sing
 @pytest.mark.parametrize(("released", "count"), [(2, "2 objects"), (0, "0 objects")])
 def test_a_table_on_which_more_was_seen_than_was_put_away_is_not_cleared(released: int, count: str) -> None:
     nothing = CellOutcome("refused", "no_object", "nothing stands on the table")
-    seen = Observation(1.0, refused=nothing, doubt="3 objects were seen: see what has become of 1")
+    seen = Observation(1.0, refused=nothing, warning="3 objects were seen: see what has become of 1")
     end = next_state(MachineState("Look", 0.0, released=released), seen, CLEARING).end
     said = f"{count} put away; left: 3 objects were seen: see what has become of 1"
     assert end == CellOutcome("missed", "left", said)
@@ -269,7 +269,7 @@ DOWN = CellOutcome("missed", "", "the thing is not in the hand; it stood here, a
 
 
 def missed_once() -> MachineState:
-    checked = Observation(1.0, held=False, doubt="it stood here, and an object is on the table there")
+    checked = Observation(1.0, held=False, warning="it stood here, and an object is on the table there")
     now = next_state(MachineState("Validate", 0.0), checked, RULES)
     assert (now.state, now.earlier) == ("ToSecurityPose", (DOWN,))
     return now
@@ -301,7 +301,7 @@ def test_a_try_that_came_to_the_same_is_told_once() -> None:
     assert (
         next_state(
             replace(missed_once(), state="Validate"),
-            Observation(3.0, held=False, doubt=DOWN.sentence.split("; ")[1]),
+            Observation(3.0, held=False, warning=DOWN.sentence.split("; ")[1]),
             RULES,
         ).end
         == DOWN

@@ -82,7 +82,7 @@ def test_a_centroid_grasp_that_asks_a_mirror_presses_once_every_finger_is_touche
     def met(seconds: float, felt: Callable[[], NDArray[np.bool_]] | None) -> float:
         controller = CentroidGrasp(
             reach, 0.1, 9.0, lambda q: model.fingertip_jacobians(q, fingers), joints, gravity, TORQUE, least, 3.0,
-            felt=felt,
+            contacts=felt,
         )  # fmt: skip
         memory = controller.start(still(0.0))
         for t in np.arange(0.0, seconds, 0.003):

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.schema import Settings, parse_settings
+from allegro_twin.files.schema import Settings, json_schema, parse_settings
 
 
 class Place(Settings):
@@ -51,3 +51,23 @@ def test_a_truth_value_is_no_number_and_yaml_says_yes_for_one(content: dict[str,
 def test_a_truth_value_stays_one_where_it_is_asked_for() -> None:
     found = parse_settings(Numbers, {"on": True, "either": True, "row": [1, 2]}, "file")
     assert (found.on, found.either, found.row) == (True, True, (1.0, 2.0))
+
+
+def test_two_settings_of_one_name_keep_the_texts_below_their_own_fields() -> None:
+    def first() -> type[Settings]:
+        class Part(Settings):
+            size: float = 0.0
+            """m, of the
+            first."""
+
+        return Part
+
+    def second() -> type[Settings]:
+        class Part(Settings):
+            size: float = 0.0
+            """m, of the second."""
+
+        return Part
+
+    texts = [json_schema(part, "part")["properties"]["size"]["description"] for part in (first(), second())]
+    assert texts == ["m, of the first.", "m, of the second."]

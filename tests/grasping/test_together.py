@@ -302,7 +302,7 @@ def test_a_hand_that_goes_on_from_where_another_is_goes_on_with_its_timed_comman
     )
     sims.copy(second, first)
     assert sims.servos is not None
-    assert (sims.servos.told(first) == sims.servos.told(second)).all()
+    assert (sims.servos.commands(first) == sims.servos.commands(second)).all()
     assert (models[0].actuator_forcerange == models[1].actuator_forcerange).all()
     assert (sims.position[0] == sims.position[1]).all()
 

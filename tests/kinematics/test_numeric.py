@@ -13,7 +13,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.kinematics.hand import hand_kinematics
-from allegro_twin.kinematics.orientation import euler_from_matrix
+from allegro_twin.kinematics.orientation import euler_from_matrix, matrix_from_euler
 
 LEAP = {"hand": {"model": "leap"}, "backend": {"kind": "sim"}, "controller": {"kind": "position"}}
 PARTS = st.lists(st.floats(0.1, 0.9), min_size=4, max_size=4)
@@ -164,3 +164,11 @@ def test_a_leap_hands_fingertip_is_turned_as_well_as_moved() -> None:
         tip = leap.fingertips()["middle"]
         np.testing.assert_allclose(tip.position, goal.position, atol=3e-3)
         assert np.arccos(np.clip((np.trace(tip.rotation.T @ goal.rotation) - 1) / 2, -1, 1)) < 0.06
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-6, 1.0])
+def test_the_angle_by_which_an_orientation_is_missed_is_exact_however_small(angle: float) -> None:
+    solver = hand_kinematics(load_spec("leap")).numeric("index")
+    posture = solver.lower + 0.4 * (solver.upper - solver.lower)
+    turned = solver.fk(posture).rotation @ matrix_from_euler([angle, 0.0, 0.0])
+    assert solver._missed(posture[None], turned[None])[0] == pytest.approx(angle, abs=1e-14)

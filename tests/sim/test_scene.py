@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.scenario import Scenario, load_protocol
+from allegro_twin.grasping.scenario import PhysicsSettings, Scenario, load_protocol
 from allegro_twin.grasping.timeline import make_stage, make_timeline
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.library import load_grasp
@@ -77,12 +77,36 @@ def test_every_object_weighs_what_it_should_and_rests_where_it_stands(name: str)
 
 
 @pytest.mark.parametrize(("up", "height"), [("x", 0.035), ("y", 0.110), ("z", 0.089)])
-def test_up_says_which_axis_of_the_object_points_at_the_sky(up: str, height: float) -> None:
-    placed = make_stage(scenario(objects=[{"name": "pudding_box", "up": up}]), PROTOCOL, "right", Path()).things[0]
+def test_up_says_for_either_hand_which_axis_of_the_object_points_at_the_sky(up: str, height: float, side: Side) -> None:
+    placed = make_stage(scenario(objects=[{"name": "pudding_box", "up": up}]), PROTOCOL, side, Path()).things[0]
     assert placed.position[2] == pytest.approx(height / 2, abs=2e-4)
     turned = np.empty(3)
     mujoco.mju_rotVecQuat(turned, np.eye(3)["xyz".index(up)], np.array(placed.quaternion))
     np.testing.assert_allclose(turned, [0, 0, 1], atol=1e-12)
+
+
+@pytest.mark.parametrize("up", ["x", "y", "z"])
+def test_the_left_hand_finds_an_object_turned_the_other_way_about_the_vertical_and_otherwise_as_it_stands(
+    up: str,
+) -> None:
+    own = {"name": "pudding_box", "up": up, "yaw": 30.0, "at": (0.1, 0.05)}
+    (placed,) = make_stage(scenario(objects=[own]), PROTOCOL, "left", Path()).things
+    np.testing.assert_allclose(placed.quaternion, standing_orientation(up, -math.pi / 6), atol=1e-15)
+    np.testing.assert_allclose(placed.position[:2], [0.1, -0.05])
+
+
+def test_the_left_hand_is_shaken_and_pulled_by_gravity_in_the_mirror() -> None:
+    tilted = PROTOCOL.model_copy(update={"physics": PhysicsSettings(gravity=(1.0, 2.0, -9.0))})
+    assert make_stage(scenario(), tilted, "right", Path()).physics.gravity == (1.0, 2.0, -9.0)
+    assert make_stage(scenario(), tilted, "left", Path()).physics.gravity == (1.0, -2.0, -9.0)
+    ways = {}
+    for side in SIDES:
+        spec = load_spec(side=side)
+        grasp = load_grasp("quadpod", spec)
+        segments = make_timeline(PROTOCOL, grasp, scenario(), grasp.preshape, spec, 0.003).segments
+        ways[side] = wrist_set_points(segments, 0.003, 1.0)
+    np.testing.assert_array_equal(ways["left"], ways["right"] * [1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+    assert ways["right"][:, 1].any()
 
 
 def test_yaw_turns_about_the_vertical() -> None:

@@ -7,7 +7,7 @@ import socket
 import sys
 import urllib.request
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +19,14 @@ from rerun.chunk import RrdReader
 from allegro_twin.errors import ConfigError, HandFault, RecordingError
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics.hand import hand_kinematics
+from allegro_twin.recording.events import DeviceSample
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.replay import ReplayBackend, replay_samples
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, TorqueCommand
 from allegro_twin.viewing.rerun.columns import AT_ONCE
 from allegro_twin.viewing.rerun.server import claim
-from allegro_twin.viewing.rerun.viewer import Viewer, shown, write_rrd
+from allegro_twin.viewing.rerun.viewer import Look, Viewer, shown, write_events
 from allegro_twin.viewing.scenery import scenery
 from tests.full_disk import full_disk
 from tests.test_safety import state
@@ -66,6 +67,11 @@ def look(tick: int = 0) -> dict[str, Array]:
         "contact_point": np.array([0.1, 0.2, 0.3] + [np.nan] * 12),
         "contact_vector": np.array([0.0, 0.0, 2.0] + [0.0] * 12),
     }
+
+
+def write_rrd(samples: Iterable[Sample], viewer: Viewer, path: Path, look: Look | None = None) -> None:
+    events = (DeviceSample("hand", sample, look() if look is not None else {}) for sample in samples)
+    write_events(events, viewer, path)
 
 
 @pytest.fixture(scope="module")

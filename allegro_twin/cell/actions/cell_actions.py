@@ -1,4 +1,4 @@
-"""What each state of the cell does, and what it tells the state machine."""
+"""Actions of the cell's states, and their answers to the state machine."""
 
 from __future__ import annotations
 
@@ -89,29 +89,31 @@ class CellActions:
                 else:
                     self._return(t, state)
             case "Look":
-                target.way = None
+                target.candidate = None
                 self.table.begin()
                 self.forces.idle.clear()
             case "ToTargetPose":
-                assert target.way is not None
-                self._grasp = target.way.card.grasp
+                assert target.candidate is not None
+                self._grasp = target.candidate.card.grasp
                 self.forces.begin_tare(target.solid)
                 motion.move_fingers(t, self._grasp.preshape, OPENING)
                 motion.follow(t, state, *target.through)
             case "Approach":
-                assert target.way is not None
-                motion.straight(t, target.way.palm, settings.arm.approach)
+                assert target.candidate is not None
+                motion.straight(t, target.candidate.palm, settings.arm.approach)
             case "ClosingHand":
                 assert self._grasp is not None
                 self._squeezed = False
                 self.hand.begin_closing(self._grasp.squeeze)
                 motion.move_fingers(t, self._grasp.close, self._grasp.speed)
             case "ToLiftedPose":
-                assert target.way is not None
+                assert target.candidate is not None
                 self.forces.begin_weighing()
                 self._grasped = self.cell.robot.palm(state)
                 up = np.array([0.0, 0.0, settings.lift])
-                motion.straight(t, Pose(target.way.palm.position + up, target.way.palm.rotation), settings.arm.lift)
+                motion.straight(
+                    t, Pose(target.candidate.palm.position + up, target.candidate.palm.rotation), settings.arm.lift
+                )
             case "Validate":
                 self._lifted.begin(state)
             case "ToReleasePose":
@@ -220,8 +222,8 @@ class CellActions:
         chosen = self.table.look(state, self.hand.state)
         if chosen is not None:
             self.target.select(chosen)
-        done = self.target.way is not None
-        return Observation(state.t, done=done, refused=self.table.refused, doubt=self.selector.doubt)
+        done = self.target.candidate is not None
+        return Observation(state.t, done=done, refused=self.table.refused, warning=self.selector.warning)
 
     def _check(self, state: HandState, *, again: bool = False) -> Observation:
         if self._grasp is None:
@@ -243,8 +245,8 @@ class CellActions:
         """Tell the selector what came of the last try."""
         if now.released > self.selector.released:
             self.selector.put_away()
-        elif self.target.way is not None and self.target.solid is not None:
-            self.selector.missed(self.target.way.card, self.target.solid, leave=now.tries == 1)
+        elif self.target.candidate is not None and self.target.solid is not None:
+            self.selector.missed(self.target.candidate.card, self.target.solid, leave=now.tries == 1)
 
     def _return(self, t: float, state: HandState) -> None:
         """Open the fingers, and move the arm to where it waits."""
@@ -256,7 +258,7 @@ class CellActions:
 
     def _release_path(self, now: MachineState, state: HandState) -> ReleasePath | None:
         """The way to where the object is let go; where there is none, the next observation says so."""
-        tray, way, solid = self.cell.settings.tray, self.target.way, self.target.solid
+        tray, way, solid = self.cell.settings.tray, self.target.candidate, self.target.solid
         assert tray is not None
         assert way is not None
         assert solid is not None

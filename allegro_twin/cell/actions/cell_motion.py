@@ -70,8 +70,8 @@ class CellMotion:
         is returned. Where the object is by now nobody knows: it is not looked for."""
         cell = self._cell
         arm, times = far_path(state.position, cell.posture, cell.settings.arm.joint_speed)
-        cell.clearance.nothing()
-        met = cell.clearance.on_way(arm, np.stack([self.fingers(t + each).position for each in times]))
+        cell.clearance.clear_table()
+        met = cell.clearance.check_path(arm, np.stack([self.fingers(t + each).position for each in times]))
         self.ahead = []
         if met is None:
             self._through_joints(t, state, cell.posture)

@@ -36,7 +36,7 @@ OnDetection: TypeAlias = Callable[[CameraFrame, "Detection | PerceptionRefusal"]
 class Target:
     """The object that the cell goes for, as far as it is known."""
 
-    way: GraspCandidate | None = None
+    candidate: GraspCandidate | None = None
     """How it is grasped."""
     through: tuple[Vector, ...] = ()
     """Postures of the arm on the way there, rad."""
@@ -48,7 +48,7 @@ class Target:
 
     def select(self, chosen: SelectedObject) -> None:
         """Go for another object."""
-        self.way, self.through, self.others = chosen.plan.way, chosen.plan.through, chosen.others
+        self.candidate, self.through, self.others = chosen.plan.candidate, chosen.plan.through, chosen.others
         self.found, self.solid = chosen.found, chosen.found.solid
 
     def narrow(self, part: Detection) -> None:
@@ -108,7 +108,7 @@ class TableLook:
         self.refused: CellOutcome | None = None
         """Why the last picture had nothing to go for."""
         self.points_in_tray = np.zeros((0, 3))
-        """Of the tray and of what is in it, (k, 3), world, m."""
+        """Points of the tray and of its contents, (k, 3), world, m."""
         self._track: TargetTrack | None = None
         self._lost_over_tray = False
 
@@ -184,42 +184,42 @@ class LiftedLook:
     pictures: Pictures
     target: Target
     """Narrowed where the picture shows that only a part of it was lifted."""
-    seen: CameraCheck | None = field(default=None, init=False)
+    check: CameraCheck | None = field(default=None, init=False)
     """What the last picture says."""
 
     @property
     def is_idle(self) -> bool:
         """Whether no picture was taken, and none is due."""
-        return self.seen is None and not self.pictures.is_due
+        return self.check is None and not self.pictures.is_due
 
     def forget(self) -> None:
         """Drop what was seen."""
-        self.seen = None
+        self.check = None
         self.pictures.cancel()
 
     def begin(self, state: HandState) -> None:
         """Take a picture of what is in the hand; `state`: the arm's."""
-        self.seen = None
+        self.check = None
         self.pictures.ask(state)
 
     def look(self, state: HandState, hand: HandState, grasped: Pose) -> CameraCheck | None:
         """What the picture says; None while it has not come. `grasped`: the palm before the lift."""
-        came = None if self.seen is not None else self.pictures.fetch(state.t)
+        came = None if self.check is not None else self.pictures.fetch(state.t)
         if came is None:
-            return self.seen
+            return self.check
         frame, posture = came
         cell, target, lift, settings = self.cell, self.target, self.cell.settings.lift, self.cell.settings.perception
         if target.found is None or not self.pictures.is_new(frame):
-            self.seen = CameraCheck(fresh=False)
-            return self.seen
+            self.check = CameraCheck(fresh=False)
+            return self.check
         cloud = without_tray(cell.self_filter.remove_robot(frame.cloud, posture, hand.position), frame, cell)
         others, moved = np.concatenate([np.empty((0, 3)), *target.others]), (grasped, cell.robot.palm(state))
-        self.seen = check_camera(frame, cloud, target.found, others, moved, lift, settings)
-        part = lifted_part(frame, cloud, target.found, others, moved, lift, settings) if self.seen.left else None
+        self.check = check_camera(frame, cloud, target.found, others, moved, lift, settings)
+        part = lifted_part(frame, cloud, target.found, others, moved, lift, settings) if self.check.left else None
         if part is not None:
             target.narrow(part.found)
-            self.seen = part.sight
-        return self.seen
+            self.check = part.sight
+        return self.check
 
 
 def without_tray(cloud: Cloud, frame: CameraFrame, cell: Cell) -> Cloud:

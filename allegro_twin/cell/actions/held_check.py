@@ -37,13 +37,13 @@ class HeldCheck:
         """What the state machine hears. `state`: the arm's; `grasped`: the palm before the lift; `again`: the check
         before found it held, and `found` stays that of it."""
         cell, settings, forces, hand = self._cell, self._cell.settings.validation, self._forces, self._hand.state
-        if not forces.is_weighed or hand is None or target.way is None:
+        if not forces.is_weighed or hand is None or target.candidate is None:
             return Observation(state.t)
         dead, sight = self._hand.dead(hand), self._lifted.look(state, hand, grasped)
         if dead is not None or sight is None:
             return Observation(state.t, fault=dead)
         axes = cell.robot.base.rotation @ cell.robot.model.pose(state.position).rotation
-        empty = empty_grasp(cell.settings.hand, grasp, target.way.palm.rotation)
+        empty = empty_grasp(cell.settings.hand, grasp, target.candidate.palm.rotation)
         torque, gravity = self._hand.torques(hand)
         stop = stopping_torque(torque, gravity, cell.hand.spec.actuation.frictionloss)
         weight, told = (

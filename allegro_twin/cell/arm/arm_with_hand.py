@@ -24,6 +24,8 @@ from allegro_twin.cell.arm.limits import arm_limits
 from allegro_twin.cell.arm.tool import WrenchCompensation
 from allegro_twin.hands.description.arms import load_arm_spec
 from allegro_twin.hands.description.mounts import HandMount, load_mount
+from allegro_twin.hands.limits import hand_limits
+from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.kinematics.arm import ArmModel
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.kinematics.pose import Pose, compose, relative_to
@@ -141,14 +143,10 @@ def make_arm_with_hand(
     world = World(compile_scene(spec, stage, MountedHand(hand, held)))
     arm_sim = SimBackend(spec, world, period=periods[0], posture=posture)
     hand_sim = SimBackend(hand, world, period=periods[1], posture=hand_posture)
-    motor, limits = hand.actuation, arm_limits(spec, margin)
-    open_hand = Limits(motor.torque_limit, np.full(hand.n_joints, _FAST), hand.lower, hand.upper)
+    limits, open_hand = arm_limits(spec, margin), hand_limits(LimitSettings(), hand)
     model = ArmModel(spec)
     reflex = None if collision is None else ContactReflex(arm_sim, ArmModel(spec), collision)
     return ArmWithHand(
         world, Guard(reflex or arm_sim, limits), Guard(hand_sim, open_hand), arm_sim, hand_sim, held, model,
         WrenchCompensation(held.load), Pose(np.array(base), np.eye(3)), limits, reflex,
     )  # fmt: skip
-
-
-_FAST = 12.0  # rad/s, as `limits.velocity` of a run's config is by default.

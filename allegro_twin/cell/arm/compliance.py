@@ -40,7 +40,7 @@ _BRAKED = 0.027  # s. OWN: half of the time in which what changes the torque mus
 
 @dataclass(frozen=True, slots=True)
 class Pull:
-    """How errors pull the virtual arm; defaults of FZI's example."""
+    """Gains of the errors on the virtual arm; defaults of FZI's example."""
 
     linear: float = 0.05
     """P."""
@@ -66,7 +66,7 @@ class VirtualArm(NamedTuple):
 
 
 class ComplianceState(NamedTuple):
-    """What the controller remembers."""
+    """Memory of the controller."""
 
     virtual: VirtualArm
     """Where it will be when the next cycle begins."""

@@ -63,14 +63,15 @@ class CollisionSettings(Settings):
     """
 
     lower_torque_thresholds_acceleration: Torques = (20.0,) * 7
-    """N·m, one for each joint. Beyond the lower ones there is contact."""
+    """Torques beyond which there is contact, one for each joint, N·m."""
     upper_torque_thresholds_acceleration: Torques = (20.0,) * 7
-    """Beyond the upper ones the arm stops."""
+    """Torques beyond which the arm stops, one for each joint, N·m."""
     lower_torque_thresholds_nominal: Torques = (10.0,) * 7
-    """While no joint accelerates."""
+    """Torques beyond which there is contact while no joint accelerates, N·m."""
     upper_torque_thresholds_nominal: Torques = (10.0,) * 7
     lower_force_thresholds_acceleration: Forces = (20.0,) * 6
-    """At the flange along and about the axes of the base, N and N·m."""
+    """Forces and torques at the flange beyond which there is contact, along and about the axes of the base, N and
+    N·m."""
     upper_force_thresholds_acceleration: Forces = (20.0,) * 6
     lower_force_thresholds_nominal: Forces = (10.0,) * 6
     upper_force_thresholds_nominal: Forces = (10.0,) * 6
@@ -124,7 +125,7 @@ class MomentumObserver:
 
 
 class ContactState(NamedTuple):
-    """What an arm feels of its surroundings, as libfranka's RobotState has it."""
+    """Contact state of an arm, as libfranka's RobotState has it."""
 
     joint_contact: Array
     """Lower threshold of each joint exceeded, (n,), 0 or 1."""

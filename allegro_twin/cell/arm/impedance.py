@@ -48,7 +48,7 @@ class Stiffness:
 
 
 class SetpointMotion(NamedTuple):
-    """How a set-point moves, in the axes of the base, (6,) each: linear, then angular."""
+    """Motion of a set-point in the axes of the base, (6,) each: linear, then angular."""
 
     twist: Vector
     """ξ, m/s and rad/s."""
@@ -57,13 +57,13 @@ class SetpointMotion(NamedTuple):
 
 
 class ImpedanceState(NamedTuple):
-    """What the controller remembers."""
+    """Memory of the controller."""
 
     setpoint: Pose
     rest: Vector
     """Where the elbow likes to be: joint positions at the start, (n,), rad."""
     t: float
-    felt: Vector | None = None
+    wrench: Vector | None = None
     """w̄, by the tool in the axes of the base, (6,), N and N·m; None: nothing is felt."""
 
 
@@ -110,9 +110,9 @@ def smoothed_wrench(
     """w̄ after a state: the first is taken as it is."""
     axes = model.flange(state.position).rotation
     now = compensation.base_wrench(state.wrench, axes, state.gravity, model.tool.position)
-    if memory.felt is None:
+    if memory.wrench is None:
         return now
-    smooth: Vector = memory.felt + (now - memory.felt) * min((state.t - memory.t) / _SMOOTHED, 1.0)
+    smooth: Vector = memory.wrench + (now - memory.wrench) * min((state.t - memory.t) / _SMOOTHED, 1.0)
     return smooth
 
 

@@ -18,7 +18,8 @@ _THERE = 1e-6  # m and rad. Less than an encoder shows.
 
 @dataclass(frozen=True, slots=True)
 class Smoothing:
-    """How a set-point goes to its goal. The report's node bounds the step; libfranka's examples filter it."""
+    """Smoothing of a set-point on the path to its goal. The report's node bounds the step; libfranka's examples filter
+    it."""
 
     speed: float = 0.25
     """At most, m/s."""

@@ -18,7 +18,7 @@ _LIKE = 1e-2  # Of the least singular value of the gravities in one column: pose
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WrenchCompensation:
-    """From the flange's sensor to what the world does to the tool.
+    """Compensation of the tool's weight: from the flange's measured wrench to the external one.
 
     w_ext = w_meas - (m Rᵀg; c × m Rᵀg) - bias, in the flange's frame; R is the flange's orientation in the base. The
     tool is taken to be at rest: what its acceleration costs is felt as a force.

@@ -90,7 +90,7 @@ class StatedLengthError(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandEyeCalibration:
-    """Where the camera is, and how far that may be off."""
+    """Pose of the camera, and its uncertainty."""
 
     camera: Pose
     """In the frame of the arm that moves with it, or in the arm's base where it stands still."""

@@ -89,7 +89,7 @@ class PictureSettings(PlaceSettings):
 
 
 class CalibrationFolder(Settings):
-    """What calibration.yaml says of the pictures beside it."""
+    """Contents of calibration.yaml, which describes the pictures beside it."""
 
     pattern: PatternSettings = PatternSettings()
     intrinsics: LensSettings
@@ -107,7 +107,7 @@ class CalibrationFolder(Settings):
 
 
 class FolderCalibration(NamedTuple):
-    """What came of a folder."""
+    """Calibration from the pictures of a folder."""
 
     found: HandEyeCalibration
     """Calibration of the camera that took the pictures."""

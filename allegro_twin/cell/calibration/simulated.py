@@ -56,7 +56,7 @@ class CalibrationCell:
         )  # fmt: skip
         camera = settings.camera.model_copy(update={"source": SimulatedSource()})
         self.cell: Cell = make_cell(settings.model_copy(update={"objects": (), "camera": camera}), (plate,))
-        self.cell.clearance.nothing()
+        self.cell.clearance.clear_table()
         robot, lens = self.cell.robot, settings.camera.intrinsics
         self.lens: Intrinsics = lens
         self._model, self._data = robot.world.model, robot.world.data
@@ -181,7 +181,7 @@ class CalibrationCell:
             return False
         way, _ = far_path(begin, end, _SPEED)
         hand = np.repeat(cell.open[None], len(way), axis=0)
-        return cell.clearance.of_arm(end, cell.open) is None and cell.clearance.on_way(way, hand) is None
+        return cell.clearance.of_arm(end, cell.open) is None and cell.clearance.check_path(way, hand) is None
 
 
 def camera_mount(camera: Pose, flange: str | None, base: Pose) -> CameraMount:

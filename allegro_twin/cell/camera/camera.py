@@ -21,7 +21,7 @@ from allegro_twin.viewing.gl_context import OffscreenRenderer, PinholeView
 
 @dataclass(frozen=True, eq=False)
 class CameraFrame:
-    """What the camera tells of one moment."""
+    """Depth picture of one moment, with the data to interpret it."""
 
     number: int
     """Pictures since the camera was switched on; one that is skipped or repeated shows here."""

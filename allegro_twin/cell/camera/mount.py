@@ -29,18 +29,19 @@ class CameraPose(NamedTuple):
 
 
 class CameraMount(Settings):
-    """Where a camera stands, in the frame of a body or a site; in the world where neither is named."""
+    """Pose of a camera in the frame of a body or a site; in the world where neither is named."""
 
     body: str | None = None
     site: str | None = None
     position: Vector3
     """Position of the left imager, m."""
     quaternion: tuple[float, float, float, float] | None = None
-    """w, x, y, z: the camera's axes (x right, y down, z ahead) in the frame that it stands in; as calibrations say."""
+    """Orientation of the camera's axes (x right, y down, z ahead) in the frame that it stands in: w, x, y, z; as
+    calibrations have it."""
     towards: Vector3 | None = None
-    """Instead: a point in that frame that the middle of the view goes through, m."""
+    """Point in that frame that the middle of the view goes through, m; instead of `quaternion`."""
     up: Vector3 = (0.0, 0.0, 1.0)
-    """With `towards`: the direction in that frame that is up in the picture."""
+    """Direction in that frame that is up in the picture; with `towards`."""
 
     @model_validator(mode="after")
     def _one_way(self) -> CameraMount:

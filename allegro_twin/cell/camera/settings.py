@@ -16,23 +16,24 @@ Part = Annotated[float, Field(ge=0, le=1)]
 
 
 class DepthNoise(Settings):
-    """What is wrong with a stereo camera's depth. Everything at zero, and `shadow` off: exact depth."""
+    """Errors of a stereo camera's depth. Everything at zero, and `shadow` off: exact depth."""
 
     disparity: NotNegative = 0.08
-    """Standard deviation, pixels: typical of D400 cameras (librealsense #3904; the best is 0.032)."""
+    """Standard deviation of the disparity, pixels: typical of D400 cameras (librealsense #3904; the best is 0.032)."""
     patch: Annotated[int, Field(ge=1, le=16)] = 4
     """Edge of the squares over which it is smeared, pixels: neighbours share their matching windows (estimated)."""
     subpixel: Annotated[int, Field(ge=0)] = 32
-    """Steps of a pixel in which disparity is told; 0: any. (D400: 1/32.)"""
+    """Steps of a pixel in which disparity is given; 0: any. (D400: 1/32.)"""
     unit: NotNegative = 0.001
-    """Steps in which depth is told, m; 0: any. (D400's default depth unit.)"""
+    """Step in which depth is given, m; 0: any. (D400's default depth unit.)"""
     shadow: bool = True
-    """What the right imager does not see is unknown: beside things, and in a band at the picture's left."""
+    """Whether places that the right imager does not see are unknown: beside objects, and in a band at the picture's
+    left."""
     edge: Part = 0.5
-    """The part of the pixels beside a jump in depth that is lost (estimated)."""
+    """Share of the pixels beside a jump in depth that is lost (estimated)."""
     grazing: tuple[float, float] = (75.0, 85.0)
-    """Degrees between the ray and the surface's normal: fewer and fewer pixels from the first, none beyond the second
-    (estimated)."""
+    """Angles between the ray and the surface's normal, degrees: fewer and fewer pixels from the first, none beyond the
+    second (estimated)."""
 
 
 class SimulatedSource(Settings):
@@ -67,11 +68,11 @@ class DepthCameraSettings(Settings):
     rate: Literal[6, 15, 30, 60, 90] = 30
     """Pictures a second."""
     latency: NotNegative = 0.065
-    """From a picture's exposure until the program has it, s (librealsense #1242: 60 to 70 ms for depth)."""
+    """Time from a picture's exposure until the program has it, s (librealsense #1242: 60 to 70 ms for depth)."""
     colour: bool = False
     """Take a colour picture with each."""
     furthest: Annotated[float, Field(gt=0)] = 10.0
-    """Beyond it nothing is known, m (datasheet: about 10 m)."""
+    """Largest known depth, m (datasheet: about 10 m)."""
     noise: DepthNoise = DepthNoise()
     source: Annotated[Source, Field(discriminator="kind")] = SimulatedSource()
     """Where pictures come from; with another than `simulated` the keys above but `mount` do not count."""

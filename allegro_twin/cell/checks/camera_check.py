@@ -36,7 +36,7 @@ _BESIDE = 0.03
 
 @dataclass(frozen=True, slots=True)
 class CameraCheck:
-    """What one picture says of the object that was seen before."""
+    """Result of the camera check: where one picture shows the object that was grasped."""
 
     there: bool = False
     """It is seen in the hand."""

@@ -25,7 +25,7 @@ tell: fingers that touch each other are left out, and the others may hardly pres
 
 @dataclass(frozen=True, slots=True)
 class GraspCheck:
-    """What force, torques, joints and camera say."""
+    """Results of the checks by force, torques, joint positions and camera."""
 
     weight: float
     """Weight on the hand, kg."""
@@ -44,7 +44,7 @@ class GraspCheck:
     """None: arm or hand hide the object, or no picture came."""
     held: bool | None
     """By the one of the checks that decides; None where the fingers decide and cannot tell."""
-    doubt: str = ""
+    warning: str = ""
     """Why the force sensor is not to be trusted; nothing where it is."""
 
 
@@ -144,13 +144,13 @@ def grasp_verdict(
     it takes weight and camera both, the first time, and torque. A fault where the force sensor decides and is doubted,
     and where checks disagree or nothing confirms.
     """
-    if found.doubt and settings.by == "force":
-        return Observation(t, fault=CellOutcome("fault", "force sensor", found.doubt))
-    weighed = found.by_force is True and not found.doubt
+    if found.warning and settings.by == "force":
+        return Observation(t, fault=CellOutcome("fault", "force sensor", found.warning))
+    weighed = found.by_force is True and not found.warning
     confirmed = (weighed or sight.there) if again else (weighed and sight.there)
     unsure = found.by_fingers is None and found.by_torque and found.held is not False and not sight.left
     if unsure and confirmed:
-        return Observation(t, held=True, doubt=found.doubt)
+        return Observation(t, held=True, warning=found.warning)
     if sight.left or not (found.held or (unsure and again)):
         loaded = not sight.left and (found.by_force is True or sight.there or sight.gone)
         little = ""
@@ -160,7 +160,7 @@ def grasp_verdict(
                 f"{settings.torque:.2f} say yes"
             )
         return Observation(
-            t, held=False, loaded=loaded, doubt="; ".join(filter(None, (sight.left, little, found.doubt)))
+            t, held=False, loaded=loaded, warning="; ".join(filter(None, (sight.left, little, found.warning)))
         )
     denied = [
         f"{name} {'cannot tell' if word is None else 'say no'}"
@@ -180,4 +180,4 @@ def grasp_verdict(
             "what is in the hand before it is opened"
         )
         return Observation(t, fault=CellOutcome("fault", "not confirmed", said))
-    return Observation(t, held=True, doubt=found.doubt)
+    return Observation(t, held=True, warning=found.warning)

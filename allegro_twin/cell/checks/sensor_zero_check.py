@@ -53,7 +53,7 @@ def with_uncertainty(found: GraspCheck, why: str, settings: GraspCheckSettings) 
     if not why:
         return found
     way = "decide by fingers" if settings.by == "force" else "the fingers decide, so the verdict stands"
-    return replace(found, doubt=f"the force sensor is suspect: {why}; {way}, and tare it anew or see to it")
+    return replace(found, warning=f"the force sensor is suspect: {why}; {way}, and tare it anew or see to it")
 
 
 def _allowed(first: int, second: int, settings: GraspCheckSettings) -> float:

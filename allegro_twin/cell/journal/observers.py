@@ -98,7 +98,7 @@ class Observer(Protocol):
 
 
 class Observers:
-    """What `perform` is to call so that all of them see it. `lens`: takes their pictures; None: there are none."""
+    """Callbacks for `perform`, so that all observers see it. `lens`: takes their pictures; None: there are none."""
 
     unwritten: RecordingError | None = None
     """Why an observer cannot go on writing: a disk that is full stops no arm. To be raised when the run has ended."""

@@ -42,7 +42,7 @@ PICTURES: dict[str, FieldKind] = {
 
 def state_entry(now: MachineState, work: CellActions) -> dict[str, Any]:
     """A state begins."""
-    way, check, end = work.target.way, work.held.found, now.end
+    way, check, end = work.target.candidate, work.held.found, now.end
     row: dict[str, Any] = {"t": now.since, "state": now.state, "tries": now.tries}
     if way is not None:
         row |= {"grasp": way.card.name, "palm": pose_numbers(way.palm), "before": pose_numbers(way.before)}
@@ -54,7 +54,7 @@ def state_entry(now: MachineState, work: CellActions) -> dict[str, Any]:
     if now.state == "Retreat" and now.cause is not None:
         row |= {"reason": now.cause.reason, "sentence": now.cause.sentence}
     if end is not None:
-        row |= {"end": end.word, "reason": end.reason, "sentence": end.sentence}
+        row |= {"end": end.kind, "reason": end.reason, "sentence": end.sentence}
     return row
 
 

@@ -25,7 +25,7 @@ docs/explanation/arm_control.md."""
 
 
 class SetpointPath(Protocol):
-    """How the set-point of the flange moves, in the base's frame."""
+    """Motion of the flange's set-point in the base's frame."""
 
     def at(self, t: float) -> Pose:
         """Where it is at a time, s."""
@@ -37,7 +37,7 @@ class SetpointPath(Protocol):
 
 
 class Straight(NamedTuple):
-    """From rest to rest on a straight line and by the shortest turn, with the least jerk."""
+    """Motion from rest to rest on a straight line and by the shortest rotation, with minimum jerk."""
 
     begin: Pose
     end: Pose
@@ -67,7 +67,7 @@ class Straight(NamedTuple):
 
 
 class ArmGuide:
-    """Where the arm is to be: a posture, by a path of its joints, or a pose of the flange. Moved by the states."""
+    """Goal of the arm: a posture, by a path of its joints, or a pose of the flange. Moved by the states."""
 
     def __init__(self, posture: Vector, model: ArmModel) -> None:
         self._model = model

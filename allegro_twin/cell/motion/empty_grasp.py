@@ -42,7 +42,7 @@ def squeeze_speed(grasp: Grasp) -> float:
 
 
 class EmptyGrasp(NamedTuple):
-    """What a close on nothing comes to."""
+    """Result of a close on nothing."""
 
     position: Vector
     """Joint positions after the close on nothing, (n,), rad."""

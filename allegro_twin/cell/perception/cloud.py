@@ -36,7 +36,8 @@ _ROWS = 24  # One of so many is looked at for the focal length.
 
 @dataclass(frozen=True, eq=False)
 class OrganizedCloud:
-    """What the camera saw and from where. Raises ConfigError unless the shapes fit and the pose is finite."""
+    """Depth picture as points, with the camera's pose. Raises ConfigError unless the shapes fit and the pose is
+    finite."""
 
     cloud: Points
     """(rows, columns, 3), m, x right, y down, z ahead; NaN is unknown."""

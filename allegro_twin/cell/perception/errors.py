@@ -14,7 +14,7 @@ Reason = Literal[
 
 @dataclass(frozen=True, slots=True)
 class PerceptionRefusal:
-    """What was seen is nothing that an arm should move for."""
+    """Refusal of perception: a picture that an arm should not move for."""
 
     reason: Reason
     sentence: str

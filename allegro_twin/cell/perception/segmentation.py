@@ -127,7 +127,7 @@ class Cluster:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Gathered:
-    """What stands on the table: what has points enough, most first, and why the rest cannot be known."""
+    """Clusters on the table: those with enough points, largest first, and why the rest cannot be known."""
 
     large: list[_Found]
     small: list[PerceptionRefusal]

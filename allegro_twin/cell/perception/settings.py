@@ -27,86 +27,87 @@ class BoxRegion(Settings):
 
 
 class TableSettings(Settings):
-    """What counts as a table."""
+    """Settings of the search for the table's plane."""
 
     near: Positive = 0.01
-    """Points this near to a plane are on it, m."""
+    """Distance from a plane within which points lie on it, m."""
     tilt: Annotated[float, Field(gt=0, lt=1.57)] = 0.26
-    """It leans less than this, rad."""
+    """Largest tilt of the table, rad."""
     part: Part = 0.2
     """Least share of the points in the region that must be on the table."""
     off: Positive | None = 0.005
-    """In the workspace it may be so much higher or lower than the world's z = 0, m: arm and hand keep so far from it.
-    None: wherever it is."""
+    """Largest height difference to the world's z = 0 in the workspace, m: arm and hand keep so far from the table.
+    None: any."""
 
 
 class DetectionSettings(Settings):
-    """What counts as a thing on it."""
+    """Settings of the detection of objects on the table."""
 
     above: Positive = 0.006
-    """Height from which points are of things, m; more where depth scatters more."""
+    """Height above the table from which points belong to objects, m; more where depth scatters more."""
     gap: Positive = 0.008
-    """Edge of the cells in which points are gathered, m: things nearer than this touch."""
+    """Edge of the cells in which points are gathered, m: objects nearer than this touch."""
     least: Annotated[int, Field(ge=10)] = 30
-    """A thing has at least so many of the thinned points."""
+    """Least number of thinned points of an object."""
     error: Positive = 1.8
-    """What fits no solid better than this is unclear: times the camera's own scatter there."""
+    """Largest error of a fit as a multiple of the camera's own scatter there; otherwise the object is `unclear`."""
     best: Positive = 0.0015
-    """Or than this, m, where depth scatters less."""
+    """Largest error of a fit, m, where depth scatters less."""
     loose: Positive | None = None
-    """What is no solid, nor two or three, is taken for the best one if that is off by less than this, m: a bottle for a
+    """Error up to which a body that is no solid, nor two or three, is taken for the best one, m: a bottle for a
     cylinder. None: it is refused."""
 
 
 class TargetSettings(Settings):
-    """Where the hand goes, docs/reference/perception.md#target."""
+    """Settings of the hand's target frame, docs/reference/perception.md#target."""
 
     offset: NotNegative = 0.05
-    """From the thing's surface to the hand's frame, m."""
+    """Distance from the object's surface to the hand's frame, m."""
     fallback: Vector3 = (0.0, 1.0, 0.0)
-    """Takes the vertical's part where the main axis is upright; world axes."""
+    """World axis that takes the vertical's part where the main axis is upright."""
     upright: Part = 0.9
-    """The main axis is, when the cosine of its angle to the vertical is greater."""
+    """Cosine of the angle to the vertical above which the main axis is upright."""
     clearance: NotNegative = 0.02
-    """The hand's frame stays this far above the table, m."""
+    """Height of the hand's frame above the table, at least, m."""
 
 
 class SteadySettings(Settings):
-    """When a target stands still enough to move for."""
+    """Settings of the check that a target stands still enough to move for."""
 
     smooth: NotNegative = 0.1
     """Time constant of the low-pass, s."""
     jump: Positive = 0.05
-    """A target further than this from the last, m, is left out,"""
+    """Distance from the last target beyond which a target is left out, m."""
     turn: Positive = 0.6
-    """or turned by more than this, rad,"""
+    """Rotation from the last target beyond which a target is left out, rad."""
     patience: Annotated[int, Field(ge=1)] = 5
-    """until so many in a row are: then the thing was moved."""
+    """Number of targets left out in a row after which the object counts as moved."""
     window: Positive = 0.3
-    """Time over which it must be still, s,"""
+    """Time over which the target must be still, s."""
     count: Annotated[int, Field(ge=2)] = 4
-    """with at least so many targets,"""
+    """Least number of targets within `window`."""
     still: Positive = 0.006
-    """all within this, m,"""
+    """Largest distance of these targets from the smoothed one, m."""
     straight: Positive = 0.15
-    """and this, rad, of the smoothed one."""
+    """Largest rotation of these targets from the smoothed one, rad."""
 
 
 class PerceptionSettings(Settings):
     """The whole pipeline."""
 
     region: BoxRegion
-    """What is looked at: everything else, the arm and the room, is cut off."""
+    """Box of the world in which points are used; everything else, the arm and the room, is cut off."""
     workspace: BoxRegion
-    """Where the middle of a thing must be for the arm to go there."""
+    """Box of the world in which the middle of an object must be for the arm to go there."""
     disparity: NotNegative = 0.08
-    """The camera's scatter, pixels: what errors are measured by. As `noise.disparity` of the camera."""
+    """Scatter of the camera's disparity, pixels, in units of which errors are measured; as `noise.disparity` of the
+    camera."""
     baseline: Positive = 0.05
-    """The camera's, m."""
+    """Baseline of the camera, m."""
     stride: Annotated[int, Field(ge=1, le=8)] = 3
     """Stride through rows and columns, until the place of the object is known."""
     oldest: Positive = 0.3
-    """A picture older than this is not acted on, s."""
+    """Largest age of a picture that is acted on, s."""
     table: TableSettings = TableSettings()
     object: DetectionSettings = DetectionSettings()
     target: TargetSettings = TargetSettings()

@@ -25,9 +25,9 @@ Floats = NDArray[np.float32]
 BOUND = 5.0
 """Bound of every number in an observation."""
 _HIGH = 0.1
-"""m. A thing that is lifted by so much"""
+"""Height by which a picked object is lifted, m."""
 _LONG = 1.0
-"""and for so long, s, is picked."""
+"""Time for which a picked object is lifted, s."""
 _LOST = 0.2
 """m. A thing that was shoved so far, or fell as far below the table, is lost."""
 _VIEW = View(azimuth=125.0, elevation=-25.0, distance=1.35)

@@ -189,8 +189,8 @@ class Episodes:
                 break
         if why:
             raise ConfigError(why)
-        self.way: GraspCandidate = one.way
-        self.grasp: Grasp = self.way.card.grasp
+        self.candidate: GraspCandidate = one.candidate
+        self.grasp: Grasp = self.candidate.card.grasp
         scene.begin()
         self.body, self.at, self.yaw = body, at, yaw
         self.error = float(np.linalg.norm(body.position - scene.there.position))
@@ -200,21 +200,21 @@ class Episodes:
     def _rest_at(self, scene: PickScene, one: GraspPlan, at: Vector, yaw: float, off: Vector) -> str:
         """Put the hand `off` by so much, (3,), m, where an approach begins. Returns why nothing can begin there; empty
         where it can."""
-        palm = Pose(one.way.before.position + off, one.way.before.rotation)
+        palm = Pose(one.candidate.before.position + off, one.candidate.before.rotation)
         try:
             posture = scene.robot.model.reach(scene.robot.flange_for(palm), one.through[-1], _NEAR)
         except ConfigError as error:
             return str(error)
-        scene.rest(at, yaw, posture, one.way.card.grasp.preshape)
+        scene.rest(at, yaw, posture, one.candidate.card.grasp.preshape)
         if met := scene.obstructions():
             return f"at the beginning {met[0]}"
         return "a joint of the arm would begin at its end" if scene.stuck() else ""
 
     def _table_at_grasp(self, scene: PickScene, one: GraspPlan, at: Vector, yaw: float) -> str:
         """Which part of hand or arm would be in the table at the grasp; empty where none is."""
-        scene.rest(at, yaw, one.there[0], one.way.card.grasp.preshape)
+        scene.rest(at, yaw, one.there[0], one.candidate.card.grasp.preshape)
         met = [each for each in scene.obstructions() if each.other == STILL]
-        return f"at its {one.way.card.name} grasp {met[0]}" if met else ""
+        return f"at its {one.candidate.card.name} grasp {met[0]}" if met else ""
 
     def _draw(self, draws: np.random.Generator) -> str:
         """One of the objects that the hand takes. Raises ConfigError where it takes none."""

@@ -45,7 +45,7 @@ class LinearPath:
 
 
 class PickScene:
-    """For one kind of thing; an episode begins with `begin`."""
+    """Scene of `ArmPick` for one kind of object; an episode begins with `begin`."""
 
     def __init__(self, settings: PickSettings, arm: str, spec: HandSpec, model: HandKinematics, name: str) -> None:
         self.settings, self.name, self.spec, self._hand_model = settings, name, spec, model

@@ -22,7 +22,7 @@ class ScriptedPick:
 
     def __init__(self, env: ArmPick) -> None:
         self._now, self._settings = env.episodes, env.settings
-        way = self._now.way
+        way = self._now.candidate
         self._left = [way.before, way.palm]
         self._closed, self._rest = 0.0, _HELD
 
@@ -31,7 +31,7 @@ class ScriptedPick:
         palm = self._now.scene.palm
         if self._left and _there(palm, self._left[0]):
             self._left.pop(0)
-        way = self._now.way
+        way = self._now.candidate
         if self._left:
             return self._action(self._left[0], 0.0)
         if self._closed < 2.0:

@@ -40,15 +40,15 @@ class PickSettings(Settings):
     camera_delay: Annotated[int, Field(ge=0, le=20)] = 0
     """Decisions."""
     step: Positive = 0.02
-    """Largest translation of the palm in an action, m along each axis,"""
+    """Largest translation of the palm in an action, along each axis, m."""
     turn: Positive = 0.1
-    """and rad about each; of the finger joints in an action, too."""
+    """Largest rotation of the palm in an action, about each axis, and of the finger joints, rad."""
     close: Positive = 0.1
     """Largest change of the grasp in an action: it is open at 0, closed at 1, squeezed at 2."""
     stiffness: Positive = 1000.0
-    """Stiffness of the spring between palm and set-point, N/m,"""
+    """Translational stiffness of the spring between palm and set-point, N/m."""
     angular_stiffness: Positive = 50.0
-    """and N·m/rad."""
+    """Rotational stiffness of the spring between palm and set-point, N·m/rad."""
     gains: str = "default"
     period: Positive = 0.003
     """Control period, s."""

@@ -180,9 +180,9 @@ class GraspAdapter:
                 return plan
             if not search.too_heavy:
                 break  # Its weight is not what is in the way.
-        error = self._none_for(body, search.mass, search.said())
-        anywhere = search.looked == search.reached and not others
-        self._failed.append(_Failure(body, len(others), room, error, search.mass, search.said(), anywhere))
+        error = self._none_for(body, search.mass, search.summary())
+        anywhere = search.examined == search.reached and not others
+        self._failed.append(_Failure(body, len(others), room, error, search.mass, search.summary(), anywhere))
         raise error
 
     def _none_for(self, body: TableObject, mass: float, said: str) -> ConfigError:
@@ -199,7 +199,7 @@ class GraspAdapter:
         rounds = self.settings.rounds
         for number, enough in enumerate([_GOOD] * (rounds - 1) + [_ENOUGH], 1):
             search.round(lambda card: feasible(card) is not None)
-            self.on_progress(f"round {number} of {rounds}: {search.said()}")
+            self.on_progress(f"round {number} of {rounds}: {search.summary()}")
             while (option := search.draw_more()) is not None:
                 if option.held == option.tried and (plan := feasible(option.card)) is not None and prefer(plan):
                     return option, plan  # Nothing that is left can be better.
@@ -247,7 +247,7 @@ class AdaptationSearch:
         self._round, self._shown, self.options = 0, list[Candidate](), list[AdaptedGrasp]()
         self._standing = list[tuple[int, Candidate, Grasp]]()
         self.mass = self._bench.mass
-        self.grown = self.looked = self.reached = self.lifted = self.weak = 0
+        self.grown = self.examined = self.reached = self.lifted = self.weak = 0
         """Candidates that closed in geometry; those of them that the arm looked at, that it gets to, and that held
         through a lift; and those for which a motor is too weak."""
 
@@ -258,12 +258,12 @@ class AdaptationSearch:
         lightest = _LIGHTEST * max(len(self._body.parts), 1)
         return not self.lifted and bool(self.reached or self.weak) and self.mass > lightest
 
-    def said(self) -> str:
+    def summary(self) -> str:
         """What became of the candidates, for a person."""
         best = max(self.options, key=lambda each: each.share, default=None)
         held = "none holds" if best is None else f"the best holds in {best.held} of {best.tried} draws"
         return (
-            f"{self.grown} adapted grasps close on it, the arm gets to {self.reached} of the {self.looked} best, "
+            f"{self.grown} adapted grasps close on it, the arm gets to {self.reached} of the {self.examined} best, "
             f"{self.lifted} lift it, and {held}"
         )
 
@@ -316,7 +316,7 @@ class AdaptationSearch:
                 continue
             self._shown.append(candidate)
             looked += 1
-            self.looked += 1
+            self.examined += 1
             if reaches(self._card(candidate, candidate_grasp(candidate, self._template(candidate), self._spec))):
                 found += 1
                 self.reached += 1

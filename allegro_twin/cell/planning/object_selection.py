@@ -38,7 +38,7 @@ _SAME = 0.03
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SelectedObject:
-    """What is taken."""
+    """Object that is taken next, with its grasp."""
 
     found: Detection
     plan: GraspPlan
@@ -47,7 +47,7 @@ class SelectedObject:
 
 
 class _Reading(NamedTuple):
-    """What one thing may be, and what is beside it then."""
+    """One interpretation of a cluster, with the objects beside it then."""
 
     thing: Detection
     beside: tuple[Detection, ...]
@@ -71,7 +71,7 @@ class ObjectSelector:
         """Objects that were put away."""
         self._fell = 0  # Objects that got into the tray by themselves.
         self._most = 0  # Things that were on the table and in the tray at a time.
-        self.doubt = ""
+        self.warning = ""
         """What has become of things that were seen and are neither put away nor on the table; empty where all are."""
 
     def put_away(self) -> None:
@@ -119,7 +119,7 @@ class ObjectSelector:
         gone = self._most - self.released - self._fell
         nothing = all(isinstance(each, PerceptionRefusal) and each.reason == "no_object" for each in seen)
         said = f"{self._most} object{'s were' if self._most > 1 else ' was'} seen: see what has become of {gone}"
-        self.doubt = said if nothing and gone > 0 else ""
+        self.warning = said if nothing and gone > 0 else ""
         strays = self._strays(frame, alone)
         causes: list[CellOutcome] = [*(refused.values() if on_table or not strays else ()), *strays]
         if len(causes) == 1:
@@ -178,7 +178,7 @@ class ObjectSelector:
         failed = {name for name, other in self._failed if _alike(other, solid)}
 
         def prefer(plan: GraspPlan) -> bool:
-            return plan.way.card.name not in failed and shows_at_fingers(plan.way, self._cell)
+            return plan.candidate.card.name not in failed and shows_at_fingers(plan.candidate, self._cell)
 
         return plan_grasp(solid, self._cell, obstacles, self._adapter, clear, self._deliverable(solid), prefer)
 
@@ -187,7 +187,7 @@ class ObjectSelector:
         tray, cell = self._cell.settings.tray, self._cell
         if tray is None:
             return lambda plan: True
-        return lambda plan: reaches_tray(tray, plan.way.palm, solid, plan.there[1], cell)
+        return lambda plan: reaches_tray(tray, plan.candidate.palm, solid, plan.there[1], cell)
 
     def _strays(self, frame: CameraFrame, alone: Cloud) -> list[CellOutcome]:
         cell, tray = self._cell, self._cell.settings.tray

@@ -1,4 +1,4 @@
-"""Of the ways to take a thing, the one that the arm reaches best, with nothing in its way."""
+"""Reachability of grasps: the one that the arm reaches best, with nothing in its path."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _OUT = ((1.6, 1.2, -1.1, -2.6, -2.4, 2.1, 1.6), (-1.6, 1.2, 1.1, -2.6, 2.4, 2.1,
 
 
 class ReachSearch(NamedTuple):
-    """Where a way is looked for."""
+    """Start postures and variants for the search of a reachable grasp."""
 
     near: Sequence[Sequence[float]]
     """Postures to begin from."""
@@ -79,7 +79,7 @@ class GraspPlan(NamedTuple):
 
     far: float
     """The largest turn of a joint from where it waits, rad."""
-    way: GraspCandidate
+    candidate: GraspCandidate
     through: tuple[Vector, ...]
     """Postures of the arm on the way to where the approach begins, which is the last, (n,) each, rad."""
     there: tuple[Vector, Vector]
@@ -110,7 +110,7 @@ def plan_grasp(
     if solids > OTHERS:
         raise ConfigError(f"{solids} other objects are on the table, and {OTHERS} can be kept clear of: take some away")
     cell.clearance.see(body)
-    cell.clearance.beside(others, clear)
+    cell.clearance.set_obstacles(others, clear)
     if adapter is None:
         return _stored_plan(body, cell, others, MOST, deliverable, prefer)
     spec, same = cell.hand.spec, adapter.settings.same
@@ -140,7 +140,7 @@ def _stored_plan(
     for one in reachable_grasps(body, cell.robot, cell.posture, cell.settings.lift, most=most):
         found = _clear_of_obstacles(one, cell)
         if not isinstance(found, GraspPlan):
-            first = first or f"{found} on the way to its {one.way.card.name} grasp"
+            first = first or f"{found} on the way to its {one.candidate.card.name} grasp"
         elif deliverable(found):
             if prefer(found):
                 return found
@@ -229,14 +229,14 @@ def _reached(
 def obstacle_on(one: GraspPlan, cell: Cell) -> ClearanceViolation | None:
     """What arm or hand would come too near to on far ways, and the arm at the grasp and after the lift; to other
     objects also while the hand goes there, closes, and lifts."""
-    grasp = one.way.card.grasp
+    grasp = one.candidate.card.grasp
     open_hand, shaped = cell.open, grasp.preshape
     shaping = SmoothSetpoint(open_hand)
     shaping.head_for(0.0, shaped, OPENING)
     begin, t = cell.posture, 0.0
     for end in one.through:
         arm, times = far_path(begin, end, cell.settings.arm.joint_speed)
-        met = cell.clearance.on_way(arm, np.stack([shaping(t + each).position for each in times]))
+        met = cell.clearance.check_path(arm, np.stack([shaping(t + each).position for each in times]))
         if met is not None:
             return met
         begin, t = end, t + float(times[-1])
@@ -308,7 +308,7 @@ def _over(way: GraspCandidate, top: float, robot: ArmWithHand, at: Vector) -> tu
 def _higher(one: GraspPlan, robot: ArmWithHand) -> list[GraspPlan]:
     """Plan of a grasp from above, where the path to it is straight: a hand that turns low over the table may sweep
     it."""
-    above = _above(one.way, _CLEAR, robot, one.through[-1]) if len(one.through) == 1 else ()
+    above = _above(one.candidate, _CLEAR, robot, one.through[-1]) if len(one.through) == 1 else ()
     return [one._replace(through=(*above, *one.through))] if above else []
 
 

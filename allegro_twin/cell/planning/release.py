@@ -39,16 +39,16 @@ _NOTHING: Array = np.zeros((0, 3))
 
 
 class ReleasePath(NamedTuple):
-    """How what is held gets into the tray."""
+    """Path of a held object into the tray."""
 
     up: Pose
     """Pose of the palm in the world, straight up from where it is."""
     across: Vector
     """The arm's posture above the tray, (n,), rad."""
     over: Pose
-    """Pose of the palm there, in the world, and"""
+    """Pose of the palm above the tray, in the world."""
     palm: Pose
-    """where the hand opens, straight below."""
+    """Pose of the palm where the hand opens, straight below, in the world."""
 
 
 class _ArmPath(NamedTuple):
@@ -71,8 +71,8 @@ def release_path(
     Raises ConfigError where the arm reaches none with nothing in the way.
     """
     boxes = [box_around(points) for points in others]
-    cell.clearance.nothing()
-    cell.clearance.beside(boxes)
+    cell.clearance.clear_table()
+    cell.clearance.set_obstacles(boxes)
     filled = height_around(inside, np.array(tray.at), float(np.hypot(*tray.size)) / 2.0)
     places = _emptiest_first(tray, solid, inside, used)
     tray = tray.model_copy(update={"height": max(tray.height, filled)})
@@ -83,7 +83,7 @@ def release_path(
         for plan in plans:
             postures = pairwise((now, *plan.postures))
             arm = np.concatenate([far_path(begin, end, speed)[0] for begin, end in postures])
-            if cell.clearance.on_way(arm, np.tile(hand, (len(arm), 1))) is None:
+            if cell.clearance.check_path(arm, np.tile(hand, (len(arm), 1))) is None:
                 return plan.path
     raise ConfigError(
         f"{cell.robot.spec.name} does not get to the tray at ({tray.at[0]:g}, {tray.at[1]:g}) with the {solid.shape}: "

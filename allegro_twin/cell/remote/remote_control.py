@@ -51,8 +51,8 @@ RemoteCommand: TypeAlias = PalmCommand | FingersCommand | StayCommand
 
 
 class RemoteControl:
-    """Where arm and fingers are to be. `command` may be called by any thread; what is wished is looked at, and done, in
-    the loop's own."""
+    """Targets of arm and fingers from outside. `command` may be called by any thread; what is wished is looked at, and
+    done, in the loop's own."""
 
     def __init__(self, cell: Cell) -> None:
         self.cell, self.guide = cell, ArmGuide(cell.posture, cell.robot.model)

@@ -8,10 +8,11 @@ import numpy as np
 
 from allegro_twin.cell.arm.target import CartesianTarget
 from allegro_twin.cell.assembly import Cell
-from allegro_twin.control.trajectory import FASTEST, TimedPath
+from allegro_twin.control.trajectory import TimedPath
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.kinematics.arm import rotate, rotation_between
 from allegro_twin.kinematics.pose import Pose, compose
+from allegro_twin.safety import check_speed
 from allegro_twin.sim.contact.self_clearance import SelfClearance
 from allegro_twin.types import Array, Vector
 
@@ -61,11 +62,11 @@ class WorkspaceLimits:
         legs = np.linspace(path.times[:-1], path.times[1:], _IN_A_LEG, endpoint=False).ravel()
         count = min(max(int(path.seconds / _TICK), 2), _LONGEST)
         times = np.unique(np.concatenate([legs, np.linspace(0.0, path.seconds, count)]))
-        points = [path(t) for t in times]
-        fastest = max(float(np.abs(point.velocity).max()) for point in points)
-        if fastest > FASTEST:
-            raise CommandError(f"fingers: {fastest:.1f} rad/s; {FASTEST:g} is where the guard stops: slow down")
-        rows = np.array([point.position for point in points])
+        try:
+            check_speed(path.peak, self._cell.robot.hand.limits, spec, "fingers")
+        except ConfigError as error:
+            raise CommandError(str(error)) from error
+        rows = np.array([path(t).position for t in times])
         least, most = np.minimum(spec.lower, rows[0]), np.maximum(spec.upper, rows[0])
         for row in rows[1:]:  # A joint that rests beyond its limit comes back.
             if said := spec.limit_violation(row, least, most, 1e-9):

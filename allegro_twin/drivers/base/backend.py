@@ -153,7 +153,7 @@ class SerialBackend:
             self._driver = self._driver_of(port)
             self._driver.find()
             if self._settings.keeper and port.shared is not None:
-                words = self._driver.limp_words.hex()
+                words = self._driver.shutdown_frames.hex()
                 self._keeper = Keeper({"kind": "bytes", "fd": port.shared, "words": words})
                 self._keeper.arm()
         except HandError:

@@ -15,7 +15,7 @@ _SURE = 1.2
 class Exchanged(NamedTuple):
     """A question and its answer, s on the port's clock."""
 
-    asked: float
+    sent: float
     """Before the question went out."""
     came: float
     """When its answer was there."""
@@ -31,17 +31,17 @@ class DifferenceQuotient:
     """
 
     def __init__(self, position: Vector, when: Exchanged) -> None:
-        self._position, self._when, self._least = position, when, when.came - when.asked
+        self._position, self._when, self._least = position, when, when.came - when.sent
         self._velocity: Vector = np.zeros_like(position)
 
     def __call__(self, position: Vector, when: Exchanged) -> Vector:
         """Speeds at a new position, both (n,); rad, rad/s."""
         before = self._when
-        self._least = least = min(self._least, when.came - when.asked)
-        shortest, longest = when.asked - before.came + least, when.came - least - before.asked
+        self._least = least = min(self._least, when.came - when.sent)
+        shortest, longest = when.sent - before.came + least, when.came - least - before.sent
         if 0.0 < longest <= _SURE * shortest:
             self._velocity = (position - self._position) / (0.5 * (shortest + longest))
             self._position, self._when = position, when
-        elif when.came - when.asked < before.came - before.asked:
+        elif when.came - when.sent < before.came - before.sent:
             self._position, self._when = position, when
         return self._velocity

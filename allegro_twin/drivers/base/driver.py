@@ -9,12 +9,12 @@ from allegro_twin.types import Vector
 
 
 class Answer(NamedTuple):
-    """What a hand says of itself, all of one exchange."""
+    """State and health of a hand as it reports them, all of one exchange."""
 
     actuators: Vector
     """Where they are, shape (m,), rad."""
     position: Vector
-    """Of the joints, shape (n,), rad; NaN where nobody knows, as in the following."""
+    """Positions of the joints, shape (n,), rad; NaN where unknown, as in the following."""
     velocity: Vector | Exchanged
     """rad/s; where the hand does not say, when it was asked for the position, from whose change it follows."""
     torque: Vector
@@ -35,7 +35,7 @@ class Driver(Protocol):
         ...
 
     @property
-    def limp_words(self) -> bytes:
+    def shutdown_frames(self) -> bytes:
         """The bytes that switch all motors off."""
         ...
 

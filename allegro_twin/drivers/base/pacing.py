@@ -9,12 +9,12 @@ BEHIND = 1.0
 
 
 class Served:
-    """What has happened so far. Deadlines are absolute, so that lateness does not add up."""
+    """Progress of a served hand. Deadlines are absolute, so that lateness does not add up."""
 
     def __init__(self, period: float, clock: Callable[[], float], unit: str) -> None:
         """`period`: s of a step; `clock`: s that never go back; `unit`: what is heard and said."""
         self._period, self._clock, self._begin, self._unit = period, clock, clock(), unit
-        self.steps = self.heard = self.said = 0
+        self.steps = self.heard = self.sent = 0
         """Steps; what the host sent, and what was sent to it."""
         self.unsaid = 0
         """What a full transmit queue did not take."""
@@ -37,4 +37,4 @@ class Served:
     def summary(self) -> str:
         """All of it in one line."""
         steps = f"{self.steps} steps, {self.late} late, {self.lost} left out"
-        return f"{steps}; {self.heard} {self._unit} heard, {self.said} said"
+        return f"{steps}; {self.heard} {self._unit} heard, {self.sent} said"

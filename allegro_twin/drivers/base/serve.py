@@ -63,7 +63,7 @@ def serve(hand: SerialDevice, terminal: Terminal, clock: Callable[[], float] = t
 
 
 class _Line:
-    """What is on its way between the terminal and the hand."""
+    """Bytes on their way between the terminal and the hand."""
 
     def __init__(self, hand: SerialDevice, terminal: Terminal, clock: Callable[[], float]) -> None:
         self._hand, self._terminal, self._clock = hand, terminal, clock
@@ -103,4 +103,4 @@ class _Line:
     def _say(self, served: Served) -> None:
         while self._answers and self._answers[0][0] <= self._clock():
             answer = self._answers.popleft()[1]
-            served.said += len(answer) if self._terminal.write(answer) else 0
+            served.sent += len(answer) if self._terminal.write(answer) else 0

@@ -26,11 +26,11 @@ class BusFaultEvent(FaultEvent):
     which: Annotated[int, Field(ge=0, le=15)] = 0
     """`silence`: the finger, 0 … 3; `overheat` and what goes wrong with the hand itself: the joint, 0 … 15."""
     amount: float | None = None
-    """Of what goes wrong with the hand itself; docs/explanation/identification.md."""
+    """Amount of a fault of the hand itself; docs/reference/hand_files.md#faults."""
 
 
 class FaultSettings(Settings):
-    """What to do to the frames of a virtual hand, by chance (per frame) and by script."""
+    """Faults of a virtual hand's frames, by chance (per frame) and by script."""
 
     # Chance acts in both directions, except `delay` and `reorder`: hand to host. `corrupt` turns a bit over or cuts the
     # data short: what a CRC would have caught, so the worst case. `reorder` takes the frames of one moment.
@@ -49,7 +49,7 @@ class FaultSettings(Settings):
 
 
 class FirmwareSettings(Settings):
-    """Where sources disagree on what a hand does; for virtual hands. docs/reference/can_protocol.md"""
+    """Firmware of a virtual hand, where sources disagree. docs/reference/can_protocol.md"""
 
     servo: Literal["required", "ignored"] = "required"
     """`ignored`: torques act and reports come without "servo on", as notes on a real v4 say."""
@@ -64,7 +64,7 @@ class CanSettings(BackendSettings):
 
     kind: Literal["can"]
     version: Version | None = None
-    """Of the hand; default: what its own file says."""
+    """Version of the hand; default: what its own file says."""
     interface: str = "socketcan"
     """python-can's name of the adapter; `allegro-virtual` puts a simulated hand on a bus inside this program."""
     channel: str = "can0"

@@ -31,7 +31,7 @@ from allegro_twin.types import frozen
 
 _HARDWARE = {"v1": 0x0100, "v2": 0x0200, "v3": 0x0300, "v4": 0x0400, "v5": 0x0500, "v5plus": 0x0500}
 _BLOCKS = ("actuation", "drive", "wire")
-"""Of a hand's file: those in which a virtual hand may differ from what its host believes."""
+"""Blocks of a hand's file in which a virtual hand may differ from what its host believes."""
 
 
 def open_can(settings: CanSettings, context: BackendContext) -> CanBackend:
@@ -115,7 +115,8 @@ def hidden_truth(settings: CanSettings) -> Mapping[str, Any]:
 
 
 def _loosened(spec: HandSpec, faults: FaultSettings | None) -> HandSpec:
-    """The same hand, with a play that can grow in the joints that its faults may loosen; by chance: the fingertips."""
+    """Spec of the hand with a play that can grow in the joints that its faults may loosen; by chance: the
+    fingertips."""
     if faults is None:
         return spec
     joints = {event.which for event in faults.script if event.what == "loose"}

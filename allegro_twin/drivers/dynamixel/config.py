@@ -16,7 +16,7 @@ Gains = tuple[int, int, int]
 
 
 class ServoSettings(Settings):
-    """What lies between the servos and the actuators: one value for all, or one for each actuator."""
+    """Mounting of the servos on the actuators: one value for all, or one for each actuator."""
 
     model: str = "XM430-W350"
     ids: list[Annotated[int, Field(ge=0, le=252)]]
@@ -47,7 +47,7 @@ class ServoFaultEvent(FaultEvent):
 
 
 class ServoFaultSettings(LineNoise):
-    """What to do to a virtual hand's line and its servos."""
+    """Faults of a virtual hand's line and its servos."""
 
     script: tuple[ServoFaultEvent, ...] = ()
 

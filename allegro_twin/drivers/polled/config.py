@@ -14,7 +14,7 @@ from allegro_twin.sim.settings import SceneSettings
 
 
 class LineSettings(Settings):
-    """What the file of such a hand says of its motors."""
+    """Motors of a polled hand, in the hand's file."""
 
     torque_per_ampere: PerJoint
     """What a current is worth at the actuator, N·m/A."""
@@ -29,13 +29,13 @@ class PolledFaultEvent(FaultEvent):
 
 
 class PolledFaultSettings(LineNoise):
-    """What to do to a virtual hand's line and to the hand."""
+    """Faults of a virtual hand and its line."""
 
     script: tuple[PolledFaultEvent, ...] = ()
 
 
 class PolledSettings(BackendSettings):
-    """What all of them have."""
+    """Settings that all polled hands share."""
 
     wire_keys: ClassVar[tuple[str, ...]] = ("latency", "keeper")
 

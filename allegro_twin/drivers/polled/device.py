@@ -46,7 +46,8 @@ class Electronics(Protocol):
 
 
 class VirtualPolledHand:
-    """Its time passes in `step`, its bytes through `receive`. Raises ConfigError for faults of what is not there.
+    """Virtual polled hand, whose time passes in `step`, and whose bytes pass through `receive`. Raises ConfigError for
+    faults of what is not there.
 
     `backend` takes limited positions, so that one motor alone can give nothing; `boot` makes electronics as they are
     when power comes.

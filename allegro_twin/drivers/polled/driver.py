@@ -32,8 +32,8 @@ class PolledDriver:
         return self._scale.described()
 
     @property
-    def limp_words(self) -> bytes:
-        return self._wire.limp_words
+    def shutdown_frames(self) -> bytes:
+        return self._wire.shutdown_frames
 
     def find(self) -> None:
         self._wire.find()

@@ -32,7 +32,7 @@ class Exchange:
         self.heard = b""
         """What came last."""
         self.when = Exchanged(0.0, 0.0)
-        """Of the last answer."""
+        """Times of the last answer."""
 
     def __call__(self, question: bytes, read: Callable[[bytes], Answer | None], size: int) -> Answer:
         """`read` finds the answer, of so many bytes, in what has come. Raises LinkTimeout or ProtocolError."""

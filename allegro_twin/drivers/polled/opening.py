@@ -31,7 +31,7 @@ class Protocol(Generic[S]):
 
     motors: int
     ticks: int
-    """Of a motor's whole range."""
+    """Ticks of a motor's whole range."""
     bauds: tuple[int, ...]
     """The speeds that such a hand can have."""
     per_period: int

@@ -14,7 +14,7 @@ from allegro_twin.types import Array, Vector, frozen
 
 @dataclass(frozen=True, eq=False)
 class Scale:
-    """Of all actuators of a hand, arrays of shape (m,)."""
+    """Scales of all actuators of a hand, arrays of shape (m,)."""
 
     lower: Vector
     """Position at tick 0, rad."""

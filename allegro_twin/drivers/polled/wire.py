@@ -9,10 +9,10 @@ from allegro_twin.types import Vector
 
 
 class MotorState(NamedTuple):
-    """What a hand says of its motors."""
+    """State of the motors as the hand reports it."""
 
     ticks: Vector
-    """Of the encoders, shape (m,)."""
+    """Ticks of the encoders, shape (m,)."""
     current: Vector
     """mA, shape (m,)."""
     on: bool
@@ -27,7 +27,7 @@ class Wire(Protocol):
     """The host's end. Raises LinkTimeout, ProtocolError or LinkError for what gets lost, HandFault for a refusal."""
 
     @property
-    def limp_words(self) -> bytes:
+    def shutdown_frames(self) -> bytes:
         """The bytes that switch all motors off."""
         ...
 

@@ -29,7 +29,7 @@ PER_PERIOD = 32
 
 
 class Command(IntEnum):
-    """Those that are used here."""
+    """Commands that are used here."""
 
     PING = 0
     GET_INFO = 6
@@ -52,7 +52,7 @@ ASK_INFO = b"?"
 
 
 class QbPacket(NamedTuple):
-    """What stands between the frame and the checksum."""
+    """Contents of a packet between frame and checksum."""
 
     id: int
     command: int
@@ -64,7 +64,7 @@ class QbPacket(NamedTuple):
 
 
 def lrc(body: bytes) -> int:
-    """Of command and payload."""
+    """Checksum of command and payload: the XOR of all bytes."""
     return reduce(xor, body, 0)
 
 

@@ -16,4 +16,4 @@ class QbSettings(PolledSettings):
     baud: Annotated[int, Field(gt=0)] = 2_000_000
     """bit/s, as it is set in the hand: 2000000 or 460800."""
     id: Annotated[int, Field(ge=1, le=127)] = 1
-    """Of the device; 120 is reserved."""
+    """Identifier of the device; 120 is reserved."""

@@ -46,7 +46,7 @@ class QbWire:
         self._on, self._asked = False, 0
 
     @property
-    def limp_words(self) -> bytes:
+    def shutdown_frames(self) -> bytes:
         return QbPacket(self._id, Command.ACTIVATE, bytes((OFF,))).encoded()
 
     def find(self) -> None:

@@ -37,20 +37,20 @@ _QUESTION, _STATE, _WHO = struct.Struct("<BBBBBB5H6x"), struct.Struct("<BBBBB5b5
 
 
 class Kind(IntEnum):
-    """Of a frame."""
+    """Kind of a frame."""
 
     CYCLIC = 1
     WHO = 2
 
 
 class Mode(IntEnum):
-    """How the hand closes its loop. There is no other: one that was driven by velocity locked two fingers and broke."""
+    """Control mode of the hand. There is no other: one that was driven by velocity locked two fingers and broke."""
 
     POSITION = 1
 
 
 class Bits(IntFlag):
-    """Of byte 3."""
+    """Flags in byte 3 of a frame."""
 
     ON = 1
     FORGET = 2
@@ -62,7 +62,7 @@ class Bits(IntFlag):
 
 
 class Question(NamedTuple):
-    """What the host says."""
+    """Frame of the host."""
 
     counter: int
     on: bool = False
@@ -79,7 +79,7 @@ class Question(NamedTuple):
 
 
 class State(NamedTuple):
-    """What the hand answers to a cyclic frame."""
+    """Answer of the hand to a cyclic frame."""
 
     counter: int
     bits: int
@@ -94,7 +94,7 @@ class State(NamedTuple):
 
 
 class Who(NamedTuple):
-    """What the hand answers to "who are you"."""
+    """Answer of the hand to an identity request."""
 
     counter: int
     layout: int = LAYOUT
@@ -125,7 +125,7 @@ def frames(data: bytes) -> tuple[list[bytes], bytes]:
 
 
 def question(frame: bytes) -> Question | None:
-    """Of a sound frame; None for one that this layout does not have."""
+    """Parse a sound frame as a question; None for one that this layout does not have."""
     _, head, counter, bits, mode, watchdog, *targets = _QUESTION.unpack(frame[:22])
     if head not in (LAYOUT << 4 | Kind.CYCLIC, LAYOUT << 4 | Kind.WHO):
         return None

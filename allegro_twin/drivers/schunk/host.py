@@ -25,7 +25,7 @@ class SchunkWire:
         self._counter, self._on, self._targets = 0, False, (0,) * ACTUATORS
 
     @property
-    def limp_words(self) -> bytes:
+    def shutdown_frames(self) -> bytes:
         return Question(0).encoded()
 
     def find(self) -> None:

@@ -163,7 +163,7 @@ def clamp_torques(torque: Array, position: Array, limits: Limits) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _States:
-    """What the guard reads of many states."""
+    """States of many hands, as the guard reads them."""
 
     position: Array
     temperature: Array

@@ -24,7 +24,7 @@ there in haste where nobody asks for the type."""
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """How a trial ended."""
+    """Outcome of a trial."""
 
     report: TrialReport | None
     """None where it could not go on."""
@@ -47,7 +47,7 @@ LOST_BEFORE = "lost under another push"
 
 
 class _Fork(NamedTuple):
-    """Where a trial parts from one that it is like."""
+    """Instant at which a trial parts from one that it is like."""
 
     tick: int
     of: int

@@ -95,7 +95,7 @@ _NAMED = 30
 
 @dataclass(frozen=True, slots=True)
 class TargetOptions:
-    """What holds for all targets; None: as each target says."""
+    """Options that hold for all targets; None: as each target says."""
 
     protocol: str | None = None
     sides: tuple[Side, ...] | None = None
@@ -132,7 +132,7 @@ class EvaluationTarget:
 
 
 class Campaign(NamedTuple):
-    """What a sweep of `JUDGE` is made of."""
+    """Items of a sweep of `JUDGE`, with their inputs."""
 
     items: list[dict[str, Any]]
     shared: dict[str, Any]

@@ -16,7 +16,7 @@ _OWN = ("key", "error")
 
 
 class Rate(NamedTuple):
-    """How often something held, with its 95 % Wilson interval."""
+    """Success rate with its 95 % Wilson interval."""
 
     name: str
     held: int

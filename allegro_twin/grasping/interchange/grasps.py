@@ -22,7 +22,7 @@ _UNIT = 0.01
 
 @dataclass(frozen=True, slots=True)
 class PalmFrame:
-    """Which frame of the hand a format gives the pose of."""
+    """Frame of the hand whose pose a format gives."""
 
     name: str
     palm: tuple[float, float, float, float]

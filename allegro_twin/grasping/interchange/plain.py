@@ -95,7 +95,7 @@ class _Array:
 
 
 class _Call:
-    """What a pickle may call. A pickle can change neither it nor anything through it."""
+    """Function that a pickle may call. A pickle can change neither it nor anything through it."""
 
     __slots__ = ("_function",)
 

@@ -16,7 +16,7 @@ from allegro_twin.grasping.interchange.dexgraspnet import read_entries
 from allegro_twin.grasping.interchange.grasps import FRAMES, PALM, Grasps
 from allegro_twin.grasping.interchange.ours import read_yaml_grasps
 from allegro_twin.grasping.interchange.plain import load_plain
-from allegro_twin.grasping.scenario import Scenario, ScenarioObject, parse_object
+from allegro_twin.grasping.scenario import Scenario, ScenarioObject, as_written, parse_object
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.taxonomy import ClaimedType
@@ -46,7 +46,7 @@ def read_grasps(path: Path, spec: HandSpec, *, order: Order = None, frame: str |
 
 
 class OwnHand(NamedTuple):
-    """Which hand a grasp file says that it is of; None: it does not say."""
+    """Hand that a grasp file names; None: it does not say."""
 
     model: str | None
     side: Side | None
@@ -99,16 +99,17 @@ class ImportedGrasp(NamedTuple):
 
 
 def import_grasp(path: Path, row: int, spec: HandSpec, thing: str | None = None) -> ImportedGrasp:
-    """Grasp number `row` of a file. `thing`: the object, where the file's own path is not here. The palm stays where
-    the file has it at the closed posture. Raises ConfigError."""
+    """Grasp number `row` of a file. `thing`: the object, where the file's own path is not here. The palm is where
+    the file has it at the closed posture; of a left hand the scenario has its mirror image, as any. Raises
+    ConfigError."""
     grasps = load_grasps(path, spec)
     placed = _object(grasps, row, thing, path)
     palm = grasps.palm[row, -2]
     if placed.file is not None:
         palm = grasps.palm_from(mesh_middle(placed.file, placed.scale))[row, -2]
-    turn = matrix_from_quaternion(palm[3:])
-    wrist = {"position": palm[:3].tolist(), "facing": turn[:, 0].tolist(), "fingers": turn[:, 2].tolist(),
-             "retreat": (0.0, 0.0, 0.0)}  # fmt: skip
+    turn, mirror = matrix_from_quaternion(palm[3:]), as_written(spec.side)
+    wrist = {"position": (mirror * palm[:3]).tolist(), "facing": (mirror * turn[:, 0]).tolist(),
+             "fingers": (mirror * turn[:, 2]).tolist(), "retreat": (0.0, 0.0, 0.0)}  # fmt: skip
     name = f"{path.stem}_{row}"
     grasp = Grasp(name, _UNTYPED, 1.0, "minimum_jerk", grasps.preshape[row], grasps.close[row], grasps.squeeze[row])
     scenario = Scenario.model_validate(

@@ -27,7 +27,7 @@ COMPLIANCE = 2e-4
 
 
 class Preload(NamedTuple):
-    """What the motors give before the load comes."""
+    """Motor torques before the load comes."""
 
     share: float
     """Share of its limit that the most loaded joint gives under the worst load; inf where no preload carries it."""

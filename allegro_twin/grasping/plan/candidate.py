@@ -10,7 +10,7 @@ import numpy as np
 
 from allegro_twin.control.controllers import Gains
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.scenario import Scenario, Wrist
+from allegro_twin.grasping.scenario import Scenario, Wrist, as_written
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.hands.library.entries import Grip, LatchGrip
 from allegro_twin.hands.library.grasps import Grasp
@@ -24,7 +24,7 @@ from allegro_twin.types import Array, Vector
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
-    """Where the palm is in the world, beside an object that stands at its place, and what the fingers do."""
+    """Grasp candidate: the palm's pose beside an object that stands at its place, and the fingers' postures."""
 
     position: Array
     """Position of the palm's origin in the world, (3,), m."""
@@ -58,7 +58,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObjectSymmetry:
-    """Where an object is, and the turns about the vertical through it that leave it there as it is."""
+    """Pose of an object, and the rotations about the vertical that leave it unchanged."""
 
     centre: Array
     """Its middle, (3,), m, world."""
@@ -134,7 +134,7 @@ DIGITS = 4
 
 def candidate_scenario(candidate: Candidate, bench: GraspScene, scenario: Scenario) -> Scenario:
     """The scenario with the candidate's palm, as scenarios have it: of a left hand the mirror image."""
-    mirror, away = as_written(bench.spec), candidate.position - bench.begun
+    mirror, away = as_written(bench.spec.side), candidate.position - bench.begun
     wrist = Wrist.model_validate(
         {
             "position": round_vector(mirror * away), "facing": round_vector(mirror * candidate.rotation[:, 0]),
@@ -143,12 +143,6 @@ def candidate_scenario(candidate: Candidate, bench: GraspScene, scenario: Scenar
         }
     )  # fmt: skip
     return scenario.model_copy(update={"wrist": wrist, "hand": bench.spec.model_reference, "side": bench.spec.side})
-
-
-def as_written(spec: HandSpec) -> Vector:
-    """Factors, (3,), on a vector of the world, which make it what a scenario says: it is written for the right hand,
-    and a left one performs the mirror image."""
-    return np.array([1.0, -1.0 if spec.side == "left" else 1.0, 1.0])
 
 
 def candidate_grasp(

@@ -48,7 +48,7 @@ DRIFT, ROTATION = 0.012, 18.0
 
 
 class ClosingOutcome(NamedTuple):
-    """What became of a candidate."""
+    """Outcome of closing a candidate."""
 
     candidate: Candidate
     passed: bool
@@ -236,7 +236,7 @@ SPEED = 4.0
 
 @dataclass(frozen=True, slots=True)
 class FingerGains:
-    """What holds joints where they are told to be."""
+    """Controller that holds the fingers at their set-points."""
 
     gains: Gains
     """Gains of the controller, or of the loop that the hand closes."""

@@ -51,7 +51,7 @@ class GraspVariant:
 
 
 class VariantResult(NamedTuple):
-    """What a trial showed; 0 and 1 for one that was stopped."""
+    """Result of a variant's trial; 0 and 1 for one that was stopped."""
 
     held: bool
     margin: float
@@ -63,7 +63,7 @@ class VariantResult(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class VariantWorkers:
-    """What tries them: `at_once` processes of an engine, or, with one, all threads of this process."""
+    """Workers that try variants: `at_once` processes of an engine, or, with one, all threads of this process."""
 
     engine: SweepEngine
     at_once: int

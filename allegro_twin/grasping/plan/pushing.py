@@ -11,9 +11,9 @@ import numpy as np
 from allegro_twin.control.controllers import PD, GravityFeedforward, PositionControl
 from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.plan.candidate import as_written, round_posture
+from allegro_twin.grasping.plan.candidate import round_posture
 from allegro_twin.grasping.plan.proposals.opposition import THUMB
-from allegro_twin.grasping.scenario import EdgePush, Scenario, load_protocol
+from allegro_twin.grasping.scenario import EdgePush, Scenario, as_written, load_protocol
 from allegro_twin.grasping.timeline import make_stage, pushed_until
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.hands.library.gains import load_gains, protocol_gains
@@ -71,7 +71,7 @@ def with_push(scenario: Scenario, spec: HandSpec, folder: Path = Path()) -> Scen
             f"object {name}: pushed until its centre of mass is {1000 * KEPT:.0f} mm from the edge, "
             f"{1000 * max(out, 0.0):.0f} mm of it would stand out; a grasp needs {1000 * STANDING_OUT:.0f} mm"
         )
-    begin = as_written(spec) * (palm - middle - (BEHIND, 0.0, 0.0))
+    begin = as_written(spec.side) * (palm - middle - (BEHIND, 0.0, 0.0))
     wrist = {"position": np.round(begin, 4).tolist(), "facing": FACING, "fingers": FINGERS, "retreat": (0, 0, RAISED)}
     push = {
         "distance": round(far + BEHIND, 4),

@@ -25,7 +25,7 @@ _TERM = re.compile(r"\s*([xyz])\s*([<>])\s*(-?\d+(?:\.\d*)?|-?\.\d+)\s*")
 
 @dataclass(frozen=True, slots=True)
 class GraspRegion:
-    """What lies between two corners, in the object's own frame, m."""
+    """Box between two corners in the object's own frame, m."""
 
     low: tuple[float, float, float]
     high: tuple[float, float, float]

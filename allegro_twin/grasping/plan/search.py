@@ -51,7 +51,7 @@ TIMESTEP = 0.002
 
 @dataclass(frozen=True, slots=True)
 class RoundSize:
-    """How much a round looks at."""
+    """Size of a round of the search."""
 
     guessed: int = 96
     """Proposals."""
@@ -72,10 +72,10 @@ good one ends the search."""
 
 @dataclass(frozen=True, slots=True)
 class SearchBudget:
-    """How much a search may cost. Where little is left, a last round is smaller by the number of its candidates; one
-    that time does not allow to end counts for nothing. So a search that ended after so many candidates finds the same
-    as one that is told their number. The first round alone is cut short where it would take longer than all the time,
-    in evolution or between two rungs of draws: `GraspSearch.cut` says so, and nobody repeats that by a number."""
+    """Budget of a search. Where little is left, a last round is smaller by the number of its candidates; one that time
+    does not allow to end counts for nothing. So a search that ended after so many candidates finds the same as one that
+    is told their number. The first round alone is cut short where it would take longer than all the time, in evolution
+    or between two rungs of draws: `GraspSearch.cut` says so, and nobody repeats that by a number."""
 
     candidates: float = math.inf
     """That physics closes."""

@@ -41,7 +41,7 @@ hold in a few, some were lucky."""
 
 
 class Squeeze(NamedTuple):
-    """How far the fingers of a candidate are told to go."""
+    """Squeeze of a candidate: how far its fingers are commanded to go."""
 
     factor: float = 1.0
     """On what the quick test had."""

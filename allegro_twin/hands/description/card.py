@@ -23,7 +23,7 @@ Amount = Annotated[float, Field(ge=0.0)]
 
 
 class DrivenCard(Settings):
-    """What one motor drives: a joint, or a tendon."""
+    """Joint or tendon that one motor drives."""
 
     name: str
     """Its name in commands, states and files."""
@@ -63,7 +63,7 @@ class FingerCard(Settings):
 
 
 class ThermalCard(Settings):
-    """How the motors warm: T' = (T_room + rise (effort / most)² − T) / time_constant."""
+    """Heating of the motors: T' = (T_room + rise (effort / most)² − T) / time_constant."""
 
     rise: Annotated[float, Field(gt=0.0)]
     """K above the room that full effort leads to in the end."""

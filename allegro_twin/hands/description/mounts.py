@@ -31,7 +31,7 @@ class AdapterSettings(Settings):
 
 
 class MountCameraSettings(Settings):
-    """Where a camera is fixed, in the flange's frame."""
+    """Pose of a camera in the flange's frame."""
 
     position: Triple
     """m."""

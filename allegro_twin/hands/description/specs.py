@@ -151,7 +151,7 @@ def _card_path(model: str) -> Path:
 
 
 _OWN_BLOCKS = {"wire", "actuation", "drive", "limits", "identified"}
-"""Of one hand's own file, by which it is told from a card."""
+"""Blocks of one hand's own file, which distinguish it from a card."""
 
 
 def _by_card(model: str, side: Side, serial: str) -> HandSpec:

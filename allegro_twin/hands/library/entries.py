@@ -87,7 +87,7 @@ class PostureFile(Settings):
 
 
 class PlanRecord(Settings):
-    """Where a planned grasp comes from, and how often it holds in draws that it was not chosen on."""
+    """Origin of a planned grasp, and its success rate in draws that it was not chosen on."""
 
     seed: Annotated[int, Field(ge=0)]
     candidates: Annotated[int, Field(ge=0)]
@@ -262,7 +262,7 @@ def joint_values(entry: Entry, spec: HandSpec, where: str) -> dict[str, Array]:
 
 
 def convert_side(entry: Entry, spec: HandSpec, side: Side, where: str) -> Entry:
-    """The same entry written for a side: its mirror image, exact to the bit, when it is written for the other."""
+    """Convert an entry to a side: its mirror image, exact to the bit, when it is written for the other."""
     if entry.side == side:
         return entry
     changed: dict[str, Any] = {"side": side}
@@ -278,7 +278,7 @@ def convert_side(entry: Entry, spec: HandSpec, side: Side, where: str) -> Entry:
 
 
 def mirror_grip(grip: Grip | None, spec: HandSpec) -> Grip | None:
-    """The same grip on the other hand: torques change sign where joints do."""
+    """Mirror a grip for the other hand: torques change sign where joints do."""
     if not isinstance(grip, EnvelopGrip):
         return grip
     flips = set(spec.mirror_flips)

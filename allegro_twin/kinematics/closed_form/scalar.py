@@ -25,7 +25,7 @@ Ranges = tuple[tuple[float, float], ...]
 
 
 class Solve(Protocol):
-    """From x, y, z, m, and the angle that is held, rad, to the postures that keep `margin` from the limits, rad.
+    """Solver from x, y, z, m, and the held angle, rad, to the postures that keep `margin` from the limits, rad.
 
     Raises ConfigError for a number that is not finite.
     """

@@ -164,7 +164,7 @@ class EpisodeBackend:
 
 
 class EpisodeScene:
-    """What is seen of an episode: its palm, its object, and an orientation that is the object's goal.
+    """Scene of an episode: its palm, its object, and the object's goal orientation.
 
     It begins the episode, since sizes and places are drawn with it; the next reset draws the same.
     """

@@ -162,7 +162,7 @@ _PLACE, _FAST, _SPINS = 0.1, 0.5, 5.0
 
 
 class PrivilegedState:
-    """What only the simulation knows, for a critic that sees more than its policy (Pinto et al. 2018).
+    """State that only the simulation knows, for a critic that sees more than its policy (Pinto et al. 2018). 2018).
 
     For each of `n` hands, in this order: joint positions (±1 at their limits), speeds (by 5 rad/s), motor torques and
     external torques (by the limit). With an object, in world axes: its position (by 0.1 m), quaternion, velocity (by

@@ -89,7 +89,7 @@ class ValueSpread(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DrivePosterior:
-    """What is known of one hand's drive, and how well."""
+    """Identified drive of one hand, with its uncertainty."""
 
     spec: HandSpec
     """The hand of the file; of its drive only what is compiled into models."""

@@ -23,7 +23,7 @@ _WORLDS = "engine/worlds/"
 
 
 class Environment(Protocol):
-    """What has an engine, and perhaps arrays of its own that decide how the episodes go on."""
+    """Environment with an engine, and perhaps with arrays of its own that decide how episodes go on."""
 
     engine: EpisodeEngine
 
@@ -40,7 +40,7 @@ class EpisodeState(NamedTuple):
     generators: list[Any]
     """States of the random number generators."""
     keywords: dict[str, Any]
-    """Of the environments: task, number, settings."""
+    """Keywords of the environments: task, number, settings."""
     added: list[tuple[Any, str | None]]
     """Objects, each with a grasp or None, that the options of resets have added."""
     seed: int = -1
@@ -150,7 +150,7 @@ def spread_snapshot(env: Environment, content: Mapping[str, Any]) -> None:
 
 
 def _live_arrays(env: Environment) -> dict[str, NDArray[Any]]:
-    """Arrays of the engine, and of the environment itself."""
+    """Live arrays of the engine, and of the environment itself."""
     own = {f"environment/{name}": array for name, array in env.live_arrays().items()}
     return _engine_arrays(env.engine) | own
 

@@ -16,7 +16,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 
 class PlanCosts:
-    """What `n` simulations of one episode pay in a second, besides the task's reward.
+    """Costs a second of `n` simulations of one episode, besides the task's reward.
 
     `place`: as of `Rollouts`. Raises ConfigError for a term of an object in a task without one.
     """

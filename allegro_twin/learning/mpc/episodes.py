@@ -17,7 +17,7 @@ from allegro_twin.learning.mpc.settings import MpcSettings
 
 @dataclass(frozen=True, slots=True)
 class MpcEpisode:
-    """What became of an episode."""
+    """Outcome of an episode."""
 
     object: str
     """Empty where a task has none."""

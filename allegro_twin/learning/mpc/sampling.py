@@ -30,7 +30,7 @@ from allegro_twin.types import Array
 
 
 class Plan(NamedTuple):
-    """What one search has found."""
+    """Result of one search."""
 
     actions: NDArray[np.float32]
     """Actions of the decisions of the horizon, (decisions, joints), in [-1, 1]."""

@@ -15,7 +15,7 @@ Weight = Annotated[float, Field(ge=0)]
 
 
 class CostSettings(Settings):
-    """What a plan pays besides the task's own reward, 1/s each: a weight of 1 and a term of 1 cost 1 in a second.
+    """Costs of a plan besides the task's own reward, 1/s each: a weight of 1 and a term of 1 cost 1 in a second.
 
     All terms are without a unit, and none has a number of a hand (docs/explanation/model_predictive_control.md#costs).
     """
@@ -40,15 +40,15 @@ class CostSettings(Settings):
 
 
 class MpcSettings(Settings):
-    """How actions are looked for."""
+    """Settings of the search for actions."""
 
     method: Literal["cem", "mppi", "predictive"] = "cem"
     samples: Annotated[int, Field(ge=2, le=100_000)] = 48
     """Simulations side by side. With 100,000 one search takes minutes on two cores."""
     horizon: Positive = 0.6
-    """s"""
+    """Horizon of a plan, s."""
     hold: Annotated[float, Field(ge=0)] = 0.36
-    """s after the horizon without any action, in which a plan that ends in a bad hold shows it."""
+    """Time after the horizon without any action, in which a plan that ends in a bad hold shows it, s."""
     knots: Annotated[int, Field(ge=2)] = 4
     """Knots of the spline over the horizon; between them it is linear."""
     every: Annotated[int, Field(ge=1)] = 1
@@ -64,7 +64,7 @@ class MpcSettings(Settings):
     elite: Share = 0.15
     """Best share of the samples, with `cem`."""
     temperature: Positive = 0.2
-    """λ, with `mppi`."""
+    """Temperature λ of `mppi`."""
     fingers: Part = 0.0
     """Share of the drawn samples in which one finger alone differs from the plan, a finger drawn for each: steps of a
     gait are found so."""
@@ -95,18 +95,18 @@ class MpcSettings(Settings):
 
 
 class PoseCamera(Settings):
-    """How a camera beside a simulated hand observes the true pose of the object."""
+    """Camera beside a simulated hand that observes the true pose of the object."""
 
     period: Positive = 0.03
-    """Between two pictures, s."""
+    """Time between two pictures, s."""
     delay: Weight = 0.0
     """Delay of a picture, s; the pose is carried on by as much."""
     noise: Weight = 0.0
-    """Standard deviation along each axis, m."""
+    """Standard deviation of the position along each axis, m."""
     turn: Weight = 0.0
-    """Standard deviation about each axis, rad."""
+    """Standard deviation of the orientation about each axis, rad."""
     window: Positive = 0.06
-    """Over which the object's velocity is a straight line through its poses, s."""
+    """Time over which the object's velocity is a straight line through its poses, s."""
     seed: Seed = 0
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.scenario import Scenario, load_protocol, load_scenario
+from allegro_twin.grasping.scenario import Scenario, as_written, load_protocol, load_scenario
 from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.library.grasps import Grasp
@@ -79,17 +79,18 @@ def presented_scene(
 
 
 def table_scene(choice: ObjectChoice, spec: HandSpec, settings: EnvSettings, grasp: str | None = None) -> TaskScene:
-    """An object on a table under a hand that a slide lowers. Raises ConfigError for an object that is grasped from the
-    side."""
+    """An object on a table under a hand that a slide lowers onto the scenario's grasp. Raises ConfigError for an object
+    that is grasped from the side."""
     found, surroundings, retreat = _find_scenario(choice, spec)
     if retreat[2] <= 0:
         raise ConfigError(
             f"{object_name(choice)} is grasped from its side; the slide serves "
             f"{', '.join(grasped_from_above(spec.model))}"
         )
-    return _build_scene(
-        object_name(choice), replace(surroundings, slide=True), retreat, spec, settings, grasp or found.grasp
-    )
+    # The slide is vertical: a palm that a scenario brings from aside begins straight above its grasp.
+    aside = retreat * np.array([1.0, 1.0, 0.0])
+    surroundings = replace(surroundings, position=np.asarray(surroundings.position) - aside, slide=True)
+    return _build_scene(object_name(choice), surroundings, retreat - aside, spec, settings, grasp or found.grasp)
 
 
 def _find_scenario(choice: ObjectChoice, spec: HandSpec) -> tuple[Scenario, Stage, Vector]:
@@ -99,9 +100,8 @@ def _find_scenario(choice: ObjectChoice, spec: HandSpec) -> tuple[Scenario, Stag
             f"{object_name(choice)}: its scenario is for the hand {settings.model}, and this one is {spec.model}: "
             f"allegro-twin plan OBJECT --hand {spec.model_reference} makes one"
         )
-    mirror = np.array([1.0, -1.0 if spec.side == "left" else 1.0, 1.0])
     surroundings = make_stage(settings, load_protocol(settings.protocol), spec.side, folder)
-    return settings, surroundings, mirror * settings.wrist.retreat
+    return settings, surroundings, as_written(spec.side) * settings.wrist.retreat
 
 
 def _build_scene(

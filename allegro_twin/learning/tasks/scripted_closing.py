@@ -31,7 +31,7 @@ _Range = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class ObjectVariation:
-    """What is drawn of an object at every reset, unless `randomise` or an option of the reset gives it."""
+    """Variation of an object, drawn at every reset unless `randomise` or an option of the reset gives it."""
 
     noise: float
     """Largest offset along each axis, m."""

@@ -374,8 +374,8 @@ class StartStates:
 
 
 class _Found:
-    """What a search has found until now, in the order in which it was found. With a `file` it is there after every
-    batch, and who searches again for the same goes on from it, to the same states."""
+    """States that a search has found up to now, in order. With a `file` it is there after every batch, and who searches
+    again for the same goes on from it, to the same states."""
 
     def __init__(self, seed: int, file: Path | None) -> None:
         self.rng, self.file, self.batches = np.random.default_rng(seed), file, 0

@@ -31,7 +31,7 @@ _ABSENT = object()
 
 @runtime_checkable
 class HasLiveArrays(Protocol):
-    """What an episode changes, and says so."""
+    """Object that names the arrays which an episode changes."""
 
     def live_arrays(self) -> dict[str, NDArray[Any]]:
         """Arrays that decide how the episodes go on, by name, live: a write changes the episodes."""

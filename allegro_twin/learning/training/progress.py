@@ -45,7 +45,7 @@ _MODULES = (
 
 @dataclass(frozen=True, slots=True)
 class TrainingProgress:
-    """How far a training is."""
+    """Progress of a training."""
 
     rounds: int = 0
     """Completed rounds."""

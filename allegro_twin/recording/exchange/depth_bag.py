@@ -44,7 +44,7 @@ class BagDepth(NamedTuple):
     frame: str
     """The camera's optical frame."""
     pose: Pose | None
-    """Of that frame in the bag's `world` frame; None: the bag does not say."""
+    """Pose of that frame in the bag's `world` frame; None: the bag does not say."""
 
 
 def read_depth(path: Path, topic: str | None = None, world: str = "world") -> Iterator[BagDepth]:

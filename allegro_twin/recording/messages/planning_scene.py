@@ -57,7 +57,7 @@ class SceneObject(NamedTuple):
     name: str
     shape: Literal["box", "sphere", "cylinder"]
     pose: Pose
-    """Of its middle; a cylinder's axis is its own x."""
+    """Pose of its middle; a cylinder's axis is its own x."""
     size: tuple[float, float, float]
     """Along its axes, m."""
 

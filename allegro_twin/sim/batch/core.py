@@ -1,4 +1,4 @@
-"""What batches of simulations of a hand have in common: where the hands and the bodies are, and what pushes them."""
+"""Core of the batches of a hand's simulations: poses of hands and bodies, and the forces on them."""
 
 from __future__ import annotations
 
@@ -58,17 +58,18 @@ class BatchCore(ABC):
 
     @property
     def motors(self) -> slice | list[int]:
-        """Of the hand, among a model's actuators."""
+        """Actuators of the hand in a model."""
         return self._motors.ids
 
     @property
     def position(self) -> Array:
-        """Of what is driven, (n, joints), rad; live, for writing too, where every motor turns a joint of its own."""
+        """Positions of the driven joints, (n, joints), rad; live, for writing too, where every motor turns a joint of
+        its own."""
         return self._live[0] if self._live is not None else self._read(self._motors.position, self._qpos, 0)
 
     @property
     def velocity(self) -> Array:
-        """(n, joints), rad/s; live likewise."""
+        """Velocities of the driven joints, (n, joints), rad/s; live as `position` is."""
         return self._live[1] if self._live is not None else self._read(self._motors.velocity, self._qvel, 1)
 
     @property
@@ -78,12 +79,12 @@ class BatchCore(ABC):
 
     @property
     def body_position(self) -> Array:
-        """Of all bodies as they were before the last physics step, (n, bodies, 3), m."""
+        """Positions of all bodies before the last physics step, (n, bodies, 3), m."""
         return self._output("xpos")
 
     @property
     def body_quaternion(self) -> Array:
-        """Likewise, (n, bodies, 4), w x y z."""
+        """Orientations of all bodies before the last physics step, (n, bodies, 4), w x y z."""
         return self._output("xquat")
 
     def joint(self, name: str) -> Array:

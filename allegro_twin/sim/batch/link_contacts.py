@@ -1,4 +1,4 @@
-"""Which links of the hands touch an object, and how the force is shared among them."""
+"""Link contacts: the links of the hands that touch an object, and their shares of the force."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from allegro_twin.sim.batch.shared_model import SharedModelBatch
 from allegro_twin.types import Array
 
 GROUPS = ("tips", "middle", "palm")
-"""Of links: the last of each finger; those that carry these; the palm and everything between."""
+"""Groups of links: the last of each finger; those that carry these; the palm and everything between."""
 _TOUCH = 1e-9  # N. A contact without force touches nothing.
 
 
@@ -29,7 +29,7 @@ class LinkContacts:
         self._member: Array = xp.asarray((group[:, None] == np.arange(len(GROUPS))).astype(np.float64))
         """Whether a link (row) belongs to a group (column)."""
         self.sums: Array = xp.zeros((worlds.n, len(self.links)))
-        """Of each link, size of the force summed over physics steps, (n, links), N."""
+        """Sums of contact force per link over physics steps, (n, links), N."""
         self._touched: Any = xp.zeros((worlds.n, len(self.links)), bool)
         """Since `begin_decision`; `_now`: in the last period."""
         self._now: Any = xp.zeros((worlds.n, len(self.links)), bool)
@@ -102,7 +102,8 @@ class LinkContacts:
 
 
 class AssumedContacts(LinkContacts):
-    """Of hands into which poses are only written: no contact is known, so every object is taken to be touched."""
+    """Contacts of hands into which poses are only written: no contact is known, so every object is taken to be
+    touched."""
 
     def in_contact(self) -> NDArray[np.bool_]:
         return super().in_contact() | True

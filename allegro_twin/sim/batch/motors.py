@@ -39,7 +39,7 @@ class BatchMotors:
             raise ConfigError(f"{spec.name}: its tendons run through space, and a batch does not know where its motors "
                               "are: simulate it alone, with SimBackend")  # fmt: skip
         self.dofs = np.array(model.jnt_dofadr[self._posed.joints], np.int64)
-        """Of all that moves, in qvel."""
+        """Degrees of freedom of all that moves, in qvel."""
         self._coefficients = np.zeros((len(self.dofs), spec.n_joints))
         self._coefficients[np.arange(len(self.dofs)), self._posed.motors] = 1.0
         if self.closes_loop:

@@ -83,7 +83,7 @@ class SeparateModelBatch(BatchCore):
         assert self.servos is not None
         if self.servos.command(rows, position, effort, duration):
             self._batch.set_models(self.models)
-        return self.servos.told(rows)
+        return self.servos.commands(rows)
 
     def copy(self, rows: Rows, of: Rows) -> None:
         """Make some what others are, (rows,) each; what is computed from that is theirs after the next step."""

@@ -56,7 +56,7 @@ class SharedModelBatch(BatchCore):
 
     @property
     def dofs(self) -> NDArray[np.int64]:
-        """Of all that moves in the hand, in a model's speeds."""
+        """Degrees of freedom of all that moves in the hand, in a model's speeds."""
         return self._motors.dofs
 
     @property
@@ -89,8 +89,9 @@ class SharedModelBatch(BatchCore):
         return self._motors.reduce(constraint, self.position) if columns is None else constraint[:, columns[1]]
 
     def watch_contacts(self, within: bool) -> tuple[str, ...]:
-        """Of scenes with `Stage.sensed`: the links. From now on `contact_steps` has their forces: `within` a `step`
-        those of each of its physics steps, else those of the last one."""
+        """Start to measure contact forces of links, for scenes with `Stage.sensed`, and return the links.
+        `contact_steps` then has them: `within` a `step` those of each of its physics steps, else those of the last
+        one."""
         found = [self.model.sensor(k) for k in range(self.model.nsensor)]
         sensors = [each for each in found if each.name.startswith(PREFIX)]
         first = int(sensors[0].adr[0])
@@ -120,7 +121,7 @@ class SharedModelBatch(BatchCore):
         return FreeBody(self.model, name, self._qpos, self._qvel, self.push)
 
     def set_point(self, joint: str) -> Array:
-        """Of a joint with a servo of its name, (n,), live."""
+        """Set-points of a joint with a servo of its name, (n,), live."""
         return self._ctrl[:, self.model.actuator(joint).id]
 
     def presenter(self) -> tuple[Array, Array, Array]:
@@ -169,7 +170,7 @@ class SharedModelBatch(BatchCore):
         """Recompute what follows from masses, sizes and inertias."""
 
     def meshes(self, body: FreeBody) -> NDArray[np.bool_]:
-        """Of each variant, (variants,): whether a body has a mesh among its shapes, which no simulation can resize."""
+        """Whether a body has a mesh among its shapes, which no simulation can resize, in each variant, (variants,)."""
         found = [bool((model.geom_type[body.geoms] == mujoco.mjtGeom.mjGEOM_MESH).any()) for model in self.models]
         known: NDArray[np.bool_] = self.xp.asarray(np.array(found))
         return known

@@ -1,8 +1,4 @@
-"""The same batch on an NVIDIA GPU: simulations that MuJoCo Warp steps and that never leave it, in single precision.
-
-Their arrays are PyTorch's tensors over the device's own memory: what tasks write is the state at the next step, and
-nothing is copied to the host and back.
-"""
+"""Batches on an NVIDIA GPU, in single precision: MuJoCo Warp steps the simulations, which never leave it."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.control.path_planning import CLEARANCE, PlanningSpace, crossing_pairs, plan_path, postures_on_line
-from allegro_twin.control.trajectory import Moves, Trajectory, Waypoint, travel_time
+from allegro_twin.control.trajectory import Moves, SpeedCheck, Trajectory, Waypoint, travel_time
 from allegro_twin.errors import SelfCollision
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
@@ -33,8 +33,9 @@ _PUSH, _NEARER = 0.01, 1e-5  # rad that a joint is tried further on; m by which 
 class CollisionFreePaths:
     """Ways of one hand. The model that tells how near its parts are to each other is made at the first question."""
 
-    def __init__(self, spec: HandSpec) -> None:
-        self._spec = spec
+    def __init__(self, spec: HandSpec, check: SpeedCheck | None = None) -> None:
+        """`check`: looks at the speeds of every way, and of what it was asked for."""
+        self._spec, self._check_speed = spec, check
 
     def legs(
         self, start: Vector, wish: Waypoint, limits: tuple[Vector, Vector], what: str, *, margin: float = 0.0,
@@ -45,7 +46,19 @@ class CollisionFreePaths:
         says; `deepest`: how deep in each other the parts may be at the wish, m. Raises ConfigError for a wrong speed,
         and SelfCollision for a posture that the hand cannot have or that no way was found to; `what` it is stands in
         the message."""
-        travel_time(start, wish)
+        self._check_legs(start, [wish], what)
+        found = self._found(start, wish, limits, what, margin, deepest)
+        self._check_legs(start, found, what)
+        return found
+
+    def _check_legs(self, start: Vector, legs: Sequence[Waypoint], what: str) -> None:
+        path = Moves(legs).begin(start)
+        if self._check_speed is not None:
+            self._check_speed(path.peak, what)
+
+    def _found(
+        self, start: Vector, wish: Waypoint, limits: tuple[Vector, Vector], what: str, margin: float, deepest: float
+    ) -> list[Waypoint]:
         self._check(wish.posture, what, deepest)
         fingers = [finger.joints for finger in self._spec.fingers]
         room = PlanningSpace(lambda rows: self._apart(rows) - margin, fingers, np.clip(0.0, *limits), *limits)
@@ -75,7 +88,7 @@ class CollisionFreePaths:
         apart = self._apart(posture[None])[0]
         return [pair for pair, distance in zip(self._clearance.pairs, apart, strict=True) if distance < within]
 
-    def in_the_way(self, posture: Vector, towards: Vector) -> dict[int, str]:
+    def blocking_parts(self, posture: Vector, towards: Vector) -> dict[int, str]:
         """What stops joints that are to go on in a direction, both (n,), rad: by joint, which part of the hand
         is in the way of which, where it presses two together that touch."""
         spec, turns = self._spec, np.sign(towards)
@@ -117,11 +130,17 @@ class CollisionFreeMove:
     """A reference: to a posture, from where the fingers are, without one meeting another. `what` it is stands in
     messages."""
 
-    def __init__(self, spec: HandSpec, wish: Waypoint, what: str) -> None:
+    def __init__(self, spec: HandSpec, wish: Waypoint, what: str, check: SpeedCheck | None = None) -> None:
         self.waypoints: Sequence[Waypoint] = [wish]
         """What was asked for, without the detours."""
-        self._paths, self._limits, self._what = CollisionFreePaths(spec), (spec.lower, spec.upper), what
+        self._spec, self._what = spec, what
+        self._paths, self._limits = CollisionFreePaths(spec, check), (spec.lower, spec.upper)
         self._planned: tuple[Vector, list[Waypoint]] | None = None
+
+    def checked(self, check: SpeedCheck) -> CollisionFreeMove:
+        """Copy whose motion `check` examines before it begins."""
+        (wish,) = self.waypoints
+        return CollisionFreeMove(self._spec, wish, self._what, check)
 
     def prepare(self, position: Vector) -> None:
         """Plan the path from a joint position, (n,), rad: in 10 ms where it is straight, up to 0.7 s where it is not.

@@ -21,7 +21,8 @@ digit with its tip, between normal and last link: the cap of a round one, 60° a
 
 
 class SurfaceForces(NamedTuple):
-    """What hand and object exchange at one moment, summed by part of the hand and surface. The palm's frame."""
+    """Contact forces between hand and object at one moment, summed by part of the hand and surface. The palm's
+    frame."""
 
     force: Array
     """Normal force, (parts, surfaces), N."""
@@ -32,7 +33,7 @@ class SurfaceForces(NamedTuple):
 
 
 class DigitPose(NamedTuple):
-    """How the digits stand at one moment, in the order of the spec's fingers. The palm's frame."""
+    """Pose of the digits at one moment, in the order of the spec's fingers. The palm's frame."""
 
     direction: Array
     """From each digit's root to its tip, (d, 3), unit."""
@@ -43,7 +44,7 @@ class DigitPose(NamedTuple):
 
 
 class BodyPlaces(NamedTuple):
-    """Where bodies and sites are in a state, under the names that MuJoCo's data have: what `stance` needs, to keep."""
+    """Poses of bodies and sites in a state, under the names that MuJoCo's data have: what `stance` needs, to keep."""
 
     xpos: Array
     xmat: Array

@@ -79,7 +79,7 @@ STILL = "world"
 
 
 class Obstruction(NamedTuple):
-    """What a hand, or an arm that carries it, is in."""
+    """Body in contact with a hand, or with an arm that carries it."""
 
     depth: float
     """m."""

@@ -22,7 +22,7 @@ Indices = NDArray[np.int_]
 
 
 class TouchPoints(NamedTuple):
-    """Where hand and object are in contact, a row each: their geometry, without what it takes to have forces."""
+    """Contact points of hand and object, a row each: their geometry, without forces."""
 
     points: Array
     """(k, 3), m, world."""

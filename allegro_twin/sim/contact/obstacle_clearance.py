@@ -57,7 +57,7 @@ class TableObject:
 
 
 class ClearanceViolation(NamedTuple):
-    """What comes too near."""
+    """Pair of bodies that come too near."""
 
     part: str
     """A body of the arm or the hand."""
@@ -94,12 +94,12 @@ class ObstacleClearance:
         self._of_hand = _below(model, model.body("palm_link").id)
         self._moves = _below(model, model.body(f"{arm.name}_link1").id)
 
-    def nothing(self) -> None:
+    def clear_table(self) -> None:
         """From now on the table is empty."""
         self._stand(self._things, ())
-        self.beside(())
+        self.set_obstacles(())
 
-    def beside(self, obstacles: Sequence[TableObject], clear: float = CLEAR) -> None:
+    def set_obstacles(self, obstacles: Sequence[TableObject], clear: float = CLEAR) -> None:
         """From now on these other objects stand on the table, of at most `OTHERS` solids. `clear`: each is so much
         wider to every side, m."""
         self.crowded = len(obstacles) > 0
@@ -128,7 +128,7 @@ class ObstacleClearance:
         model.geom_rbound[number] = float(np.linalg.norm(half))
         pose[:3], pose[3:] = one.position, standing_orientation("z", one.yaw)
 
-    def on_way(self, arm: Array, hand: Array) -> ClearanceViolation | None:
+    def check_path(self, arm: Array, hand: Array) -> ClearanceViolation | None:
         """The first that comes too near on postures of both, (k, n) each, rad: nearer than in the first, and than in
         the last, where nothing may touch."""
         first, last = self._near(arm[0], hand[0]), self._near(arm[-1], hand[-1])

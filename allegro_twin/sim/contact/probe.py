@@ -16,7 +16,7 @@ from allegro_twin.types import Array, frozen
 
 
 class _Contacts(NamedTuple):
-    """Those of the object, k of them."""
+    """Contacts of the object, k of them."""
 
     rows: NDArray[np.int64]
     """Which of the scene's they are, (k,)."""

@@ -49,7 +49,7 @@ def drives_joints(spec: HandSpec, model: mujoco.MjModel) -> bool:
 
 
 class Drivetrain:
-    """What a drive does while time passes."""
+    """State of a drive while time passes."""
 
     def __init__(self, spec: HandSpec, drive: Drive, model: mujoco.MjModel, motors: slice | list[int]) -> None:
         self._drive, self._model, self._motors, self._names = drive, model, motors, spec.joints

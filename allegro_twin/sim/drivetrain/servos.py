@@ -60,7 +60,7 @@ class Servos:
             kept[rows] = kept[of]
         return self._let(rows, self._share[of])
 
-    def told(self, rows: Rows) -> Array:
+    def commands(self, rows: Rows) -> Array:
         """Before a period: what they are told so that they are where they should be at its end, (rows, n)."""
         self._passed[rows] += 1
         told: Array = self._offset[rows] + self._slope[rows] * self._now(rows)

@@ -34,7 +34,7 @@ moves it a millimetre."""
 
 
 class Push(NamedTuple):
-    """What pushes a body from outside."""
+    """External push on a body."""
 
     body: str
     force: Array
@@ -178,7 +178,7 @@ class SimBackend:
             rows = self.pushing.force[now : now + 1]
             self.data.xfrc_applied[self._pushed, :3] = rows[0] if len(rows) else 0.0
         if self._servos is not None:
-            self.data.ctrl[self._motors] = self._servos.told(ONE)[0]
+            self.data.ctrl[self._motors] = self._servos.commands(ONE)[0]
         if self._holding is not None:
             torque = self._holding.torque(self.data)
             if torque is not None:

@@ -292,7 +292,7 @@ def _moved(model: mujoco.MjModel, motors: list[ImportedMotor]) -> Array:
             if motor.torque:
                 data.qpos[model.jnt_qposadr[motor.joint]] = position
             else:
-                data.ctrl[k] = motor.told(position)
+                data.ctrl[k] = motor.command_for(position)
             if len(held) < model.nv:
                 _settle(model, data, held)
             found[k, place] = data.qpos
@@ -317,7 +317,7 @@ def _rest(model: mujoco.MjModel, data: mujoco.MjData, motors: list[ImportedMotor
         if each.torque:
             data.qpos[model.jnt_qposadr[each.joint]] = place
         else:
-            data.ctrl[each.number] = each.told(place)
+            data.ctrl[each.number] = each.command_for(place)
 
 
 def _tip_paths(model: mujoco.MjModel, moves: Array, motor: int, structure: HandStructure) -> Array:

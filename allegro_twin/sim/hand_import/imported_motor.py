@@ -50,7 +50,7 @@ class ImportedMotor:
         """The most that it gives by the file; None: the file does not say it."""
         self._gain, self._bias = gain, bias
 
-    def told(self, position: float) -> float:
+    def command_for(self, position: float) -> float:
         """What a position servo is told to go to a position."""
         return float(-(self._bias[0] + self._bias[1] * position) / self._gain)
 

@@ -14,7 +14,7 @@ from allegro_twin.spec import HandSpec
 
 
 class CompiledScenes:
-    """Those of one hand. What a scene's files say is read when it is first asked for."""
+    """Compiled scenes of one hand. What a scene's files say is read when it is first asked for."""
 
     def __init__(self, spec: HandSpec) -> None:
         self._spec, self._models = spec, dict[Hashable, mujoco.MjModel]()

@@ -17,7 +17,7 @@ _CONES = {"elliptic": mujoco.mjtCone.mjCONE_ELLIPTIC, "pyramidal": mujoco.mjtCon
 
 @dataclass(frozen=True, slots=True)
 class Physics:
-    """What was measured for each default is in docs/results/physics.md."""
+    """Physics of contacts. The measurements behind each default are in docs/results/physics.md."""
 
     timestep: float = 0.001
     """s. Divides the hand's 3 ms."""

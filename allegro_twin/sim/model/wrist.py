@@ -27,7 +27,8 @@ _UPRIGHT = 1.0 - 1e-9
 
 
 class WristServo(NamedTuple):
-    """What drives the six joints, (6,) each: slides in N/m and kg, hinges in N·m/rad and kg·m². Critically damped."""
+    """Servo gains of the wrist's six joints, (6,) each: slides in N/m and kg, hinges in N·m/rad and kg·m². Critically
+    damped."""
 
     stiffness: Array
     inertia: Array

@@ -61,7 +61,7 @@ _WALL = 0.002
 
 @dataclass(frozen=True)
 class ScanSettings:
-    """What a user may say of a scan."""
+    """Options of a scan."""
 
     scale: float | None = None
     """Unit of the file, m; None: as the file or its size says."""
@@ -73,7 +73,7 @@ class ScanSettings:
 
 @dataclass(frozen=True)
 class Report:
-    """What was done to a scan."""
+    """Report of the changes to a scan."""
 
     file: str
     unit: str

@@ -50,7 +50,7 @@ class Soup(NamedTuple):
 
 @dataclass
 class Repair:
-    """What was found and done; the lines of the report."""
+    """Findings and changes of a repair; the lines of the report."""
 
     done: list[str] = field(default_factory=list)
     filled: Numbers = field(default_factory=lambda: np.empty((0, 3, 3)))
@@ -384,7 +384,7 @@ def is_closed(soup: Soup) -> bool:
 
 
 class Crossings(NamedTuple):
-    """Where lines along one axis go through triangles."""
+    """Crossings of lines along one axis with triangles."""
 
     line: Numbers
     """Number of the line, row by row of the other two axes."""

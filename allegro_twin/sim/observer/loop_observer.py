@@ -137,7 +137,7 @@ class LoopObserver:
         model, data = self._model, self._data
         model.opt.gravity[:] = gravity
         self._servos.command(ONE, told.position[None], told.effort, told.duration or 0.0)
-        data.ctrl[self._motors] = self._servos.told(ONE)[0]
+        data.ctrl[self._motors] = self._servos.commands(ONE)[0]
         mujoco.mj_step(model, data, self._steps)
         return self._lengths.position(data.qpos)
 
@@ -185,7 +185,7 @@ class LoopObserver:
 
 
 class _Way:
-    """How a joint that follows goes with its motor."""
+    """Dependence of a coupled joint on its motor."""
 
     def __init__(self, spec: HandSpec, model: mujoco.MjModel, each: CoupledJoint) -> None:
         self.dof, self.motor = int(model.joint(each.name).dofadr[0]), each.driven

@@ -63,7 +63,7 @@ class Estimate(NamedTuple):
 
 
 class ModelChange(NamedTuple):
-    """By what a hand is found to differ from its file, (n,) each."""
+    """Differences of a hand from its file, (n,) each."""
 
     strength: Vector
     """Factor on the motors' torque."""

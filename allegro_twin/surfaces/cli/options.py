@@ -29,7 +29,7 @@ HAND = "allegro"
 
 
 class Sides(StrEnum):
-    """Which hand a command runs."""
+    """Side of the hand that a command runs."""
 
     right = "right"
     left = "left"
@@ -37,7 +37,7 @@ class Sides(StrEnum):
 
 
 class Recordings(StrEnum):
-    """Which trials get a Rerun recording."""
+    """Trials that get a Rerun recording."""
 
     ends = "ends"
     """The best and the worst of each object."""
@@ -45,7 +45,7 @@ class Recordings(StrEnum):
 
 
 class Engines(StrEnum):
-    """What computes a sweep."""
+    """Engine of a sweep."""
 
     local = "local"
     ray = "ray"

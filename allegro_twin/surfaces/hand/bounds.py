@@ -1,4 +1,4 @@
-"""How near its joint limits a hand may be asked to go."""
+"""Joint bounds: how near its joint limits a hand may be asked to go."""
 
 from __future__ import annotations
 

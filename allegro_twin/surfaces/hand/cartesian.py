@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allegro_twin.control.trajectory import FASTEST, Moves, Waypoint, number
+from allegro_twin.control.trajectory import Moves, Waypoint, number
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.kinematics.finger import FingerKinematics
@@ -81,12 +81,6 @@ def straight_line_motion(
     rows = np.repeat(start[None], count, axis=0)
     for line in lines:
         rows[:, line.joints] = _solved(line, parts, start[line.joints])
-    fastest = float(np.abs(np.diff(rows, axis=0, prepend=start[None])).max()) / (seconds / count)
-    if fastest > FASTEST:
-        raise ConfigError(
-            f"speed must be at most {speed * FASTEST / fastest:.2g} m/s on this way, where a joint moves at "
-            f"{FASTEST:g} rad/s and the guard stops it; it is {speed:g}"
-        )
     return Moves([Waypoint(row, seconds=seconds / count, profile="linear") for row in rows])
 
 

@@ -1,4 +1,4 @@
-"""What happens while somebody teaches the hand."""
+"""Demonstration: states of a hand that somebody guides by hand."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allegro_twin.control.setpoint_filter import RateLimitedSetpoint
-from allegro_twin.control.trajectory import FASTEST, KnownPath, TimedPath
+from allegro_twin.control.trajectory import KnownPath, TimedPath
 from allegro_twin.errors import ConfigError
 from allegro_twin.surfaces.hand.facade import Hand
 from allegro_twin.types import Array, Vector
@@ -19,11 +19,12 @@ _HERE = 0.05  # rad. A first posture without a time must be so near.
 
 
 class ExternalSetpoints:
-    """What stands between such programs and a hand: it refuses before anything moves, with ConfigError."""
+    """Set-points of other programs for a hand."""
 
     def __init__(self, hand: Hand, speed: float = 2.0) -> None:
-        """`speed`, rad/s: of a set-point's joints at most."""
+        """`speed`, rad/s: of a set-point's joints at most. Raises ConfigError where the guard would stop one at it."""
         self._hand, self._mover, self._speed = hand, hand._mover, speed
+        hand._rig.check_speed(np.full(hand.spec.n_joints, speed), "set-points")
         self._pursuit: RateLimitedSetpoint | None = None
         self._mover.ways.touching(self._mover.state.position)  # Its model is made now, not at the first wish.
 
@@ -83,11 +84,9 @@ class ExternalSetpoints:
 
     def _check(self, path: TimedPath, what: str) -> None:
         spans = np.abs(np.diff(path.postures, axis=0)).max(axis=1)
+        self._hand._rig.check_speed(path.peak, what)
         count = int(min(max(math.ceil(float(spans.sum()) / _STEP), 2 * len(path.times), 20), _MOST))
         points = [path(t) for t in np.linspace(0.0, path.seconds, count)]
-        fastest = max(float(np.abs(point.velocity).max()) for point in points)
-        if fastest > FASTEST:
-            raise ConfigError(f"{what}: asks for {fastest:.1f} rad/s; {FASTEST:g} is where the guard stops: slow down")
         rows = np.array([point.position for point in points])
         (lower, upper), start = self._hand.limits, rows[0]
         least, most = np.minimum(lower, start), np.maximum(upper, start)  # A joint that rests beyond them comes back.

@@ -173,8 +173,9 @@ class Hand:
     ) -> None:
         """Go to a posture: the joint that travels furthest peaks at `speed` (rad/s), all arrive together; finger by
         finger where they would meet on the way. From torque or gravity compensation the hand changes to PID. Raises
-        ConfigError before anything moves, SelfCollision among them; MotionStalled, at once or to whoever waits;
-        MotionInterrupted when another thread stops it, or asks for something else, before its end."""
+        ConfigError before anything moves, also for a joint that `limits.velocity` would stop, SelfCollision among them;
+        MotionStalled, at once or to whoever waits; MotionInterrupted when another thread stops it, or asks for
+        something else, before its end."""
         self._go(posture, speed, profile, wait)
 
     def fingertips(self) -> dict[str, Pose]:
@@ -196,6 +197,7 @@ class Hand:
         request = mover.request(what)
         start = np.clip(self.state.position, self.spec.lower, self.spec.upper)
         moves = straight_line_motion(mover.model, start, targets, speed, euler)
+        self._rig.check_speed(moves.begin(start).peak, what)
         rows = [self._posture(waypoint.posture, what) for waypoint in moves.waypoints]
         mover.ways.check_line(np.array([start, *rows]), what)
         mover.follow(mover.position_kind, moves, what, request)
@@ -257,6 +259,7 @@ class Hand:
         what = motion.name or "the motion"
         motion = replace(motion, positions=np.array([self._posture(row, what) for row in motion.positions]))
         path, mover = motion.path(speed), self._mover
+        self._rig.check_speed(path.peak, what)
         request = self._go(motion.positions[0], approach, "minimum_jerk", True)
         mover.follow(mover.still_kind, KnownPath(path), what, request)
         if wait:

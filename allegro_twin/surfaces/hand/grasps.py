@@ -28,7 +28,7 @@ _TOUCH = 0.05  # rad short of where the fingers were sent: something is in the w
 
 @dataclass(frozen=True, slots=True)
 class GraspOutcome:
-    """What a hand knows of its grasp from positions and torques alone."""
+    """Outcome of a grasp, from positions and torques alone."""
 
     name: str
     touching: tuple[str, ...]
@@ -70,6 +70,8 @@ def begin(
     """Hand over to the grasp, by a way inside joint limits on which no finger meets another before it closes. Raises
     ConfigError before anything moves."""
     wish, what = grasp.waypoint("preshape"), f"grasp {grasp.name}"
+    closing = Moves([grasp.waypoint("close"), grasp.waypoint("squeeze", SQUEEZE)])
+    mover.check_speed(closing.begin(grasp.preshape).peak, what)
     approach = mover.planned(lambda start: mover.ways.legs(start, wish, limits, what), request)
     state = mover.state
     motion = timed(grasp, state.position, approach)

@@ -1,7 +1,8 @@
-"""What a person needs who drives a hand live: a stop that is at once, a goal that may move, other gains."""
+"""Live control by a person: an immediate stop, a goal that may move, other gains."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -9,19 +10,21 @@ from numpy.typing import ArrayLike
 
 from allegro_twin.app import Rig
 from allegro_twin.control.path_planning import postures_on_line
-from allegro_twin.control.trajectory import FASTEST, SLOWEST, number
+from allegro_twin.control.trajectory import SLOWEST, number
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.library.gains import load_gains
+from allegro_twin.safety import Guard
 from allegro_twin.surfaces.hand.bounds import JointBounds
 from allegro_twin.surfaces.hand.motion import MotionControl
 from allegro_twin.types import Vector
 
 OWN = "the task's own"
 """The controller of the config, by this name."""
+_ROOM = 0.9  # Of a guard's speed: joints overshoot by some hundredths.
 
 
 class LiveControl:
-    """Of one hand, as `Hand.direct`. Any thread may call `limp`; all else comes from the one that makes wishes."""
+    """Live control of one hand, as `Hand.direct`. Any thread may call `limp`; all other calls come from one thread."""
 
     def __init__(self, rig: Rig, mover: MotionControl, bounds: JointBounds) -> None:
         self._rig, self._mover, self._bounds = rig, mover, bounds
@@ -63,15 +66,24 @@ class LiveControl:
         goal, state = self._mover.goal, self._mover.state
         return np.full(self._rig.spec.n_joints, np.nan) if goal is None else goal.at(state.t)
 
-    def steer(self, posture: ArrayLike, speed: float = 3.0, what: str = "the goal") -> None:
+    def usual_speed(self, usual: float) -> float:
+        """A speed for whoever asks for none, rad/s: the usual one, or less where the guard would stop a joint."""
+        guard = self._rig.backend
+        return min(usual, _ROOM * float(guard.limits.velocity.min())) if isinstance(guard, Guard) else usual
+
+    def steer(self, posture: ArrayLike, speed: float | None = None, what: str = "the goal") -> None:
         """Head straight for a posture, (n,), rad, from whatever the hand is doing for the wish before, without a stop
-        between; the joint that travels furthest peaks at about `speed`, rad/s. Raises ConfigError for a posture beyond
-        the limits, SelfCollision where fingers would meet on the straight line: then the hand does what it did."""
-        if not SLOWEST <= number(speed, "speed, in rad/s,") <= FASTEST:
-            raise ConfigError(f"speed must be from {SLOWEST:g} to {FASTEST:g} rad/s; it is {speed:g}")
+        between; the joint that travels furthest peaks at about `speed`, rad/s: by default 3, or less where the guard
+        would stop a joint. Raises ConfigError for a posture beyond the limits or a speed that the guard would stop,
+        SelfCollision where fingers would meet on the straight line: then the hand does what it did."""
+        speed = self.usual_speed(3.0) if speed is None else number(speed, "speed, in rad/s,")
+        if not SLOWEST <= speed < math.inf:
+            raise ConfigError(f"speed must be at least {SLOWEST:g} rad/s, and finite; it is {speed:g}")
         spec, mover = self._rig.spec, self._mover
         goal = self._bounds.admit(posture, what)
         start = np.clip(mover.state.position, spec.lower, spec.upper)
+        travel = np.abs(goal - start)
+        self._rig.check_speed(speed * travel / max(float(travel.max()), 1e-9), what)
         mover.ways.check_line(postures_on_line(start, goal), what)
         mover.steer(goal, speed, what)
 

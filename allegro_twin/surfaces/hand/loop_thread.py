@@ -1,4 +1,4 @@
-"""Who turns the loop: the caller, a period at a time, or a thread of its own."""
+"""Loop driver: the caller advances the loop a period at a time, or a thread of its own does."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ _LATEST = 3.0  # s after the end. What shakes in a contact instead of coming to 
 
 
 class Goal(NamedTuple):
-    """What the joints are asked to do: a path, when it began and for how long it lasts, s."""
+    """Goal of the joints: a path, when it began and for how long it lasts, s."""
 
     path: Path
     began: float
@@ -71,7 +71,7 @@ class MotionMonitor:
         self.interrupted = ""
         """What ended it before it had arrived, if somebody did; for messages."""
         self.successor: MotionMonitor | None = None
-        """Of a motion whose goal was moved: what follows it since."""
+        """Monitor that follows a motion whose goal was moved, since then."""
         self._spec, self._over = spec, goal.began + goal.seconds
         # What dry friction and weight alone keep from its place is not stuck.
         friction = 2.0 * spec.actuation.frictionloss / np.maximum(gains.kp, 1e-9)
@@ -125,14 +125,14 @@ def _settled(error: Vector, state: HandState) -> bool:
 
 Kind: TypeAlias = Literal["torque", "gravity", "pd", "pid", "limp", "position"]
 KINDS: tuple[Kind, ...] = ("torque", "gravity", "pd", "pid")
-"""Of a hand that takes torques."""
+"""Controllers of a hand that takes torques."""
 FIRMWARES: tuple[Kind, ...] = ("limp", "position")
-"""Of a hand whose firmware closes the loop."""
+"""Controllers of a hand whose firmware closes the loop."""
 T = TypeVar("T")
 
 
 class FirstController(NamedTuple):
-    """What drives a hand from its first period on, and what that is called."""
+    """Controller that drives a hand from its first period on, and its name."""
 
     kind: str
     controller: Any
@@ -158,7 +158,7 @@ class MotionControl:
 
     def __init__(self, rig: Rig, gains: Gains, *, background: bool, first: FirstController | None = None) -> None:
         self._rig, self.gains = rig, gains
-        self.model, self.ways = hand_kinematics(rig.spec), CollisionFreePaths(rig.spec)
+        self.model, self.ways = hand_kinematics(rig.spec), CollisionFreePaths(rig.spec, rig.check_speed)
         self.kinds = KINDS if "torque" in rig.spec.commands else FIRMWARES
         """The controllers that this hand can have: the first lets go of it."""
         self.kind: Kind | str = self.kinds[0] if first is None else first.kind
@@ -173,6 +173,7 @@ class MotionControl:
         self._motion: MotionFeedforward | None = getattr(rig.controller, "motion", None)  # As the config asks for it.
         self._limp = ConstantCommand(limp_of(rig.spec))
         self._relay = BumplessSwitch(self._limp if first is None else first.controller, rig.spec.actuation.torque_limit)
+        self.check_speed = rig.check_speed
         self.driver = LoopThread(self._samples(background), background=background, release=rig.backend.close)
 
     @property

@@ -57,11 +57,11 @@ class EpisodeWatch:
 
     @property
     def name(self) -> str:
-        """Of the task."""
+        """Name of the task."""
         return self._task.name
 
     @property
-    def things(self) -> tuple[str, ...]:
+    def objects(self) -> tuple[str, ...]:
         """Names of its objects in the scene."""
         return () if self._task.thing is None else (THING,)
 

@@ -137,7 +137,7 @@ class HandSession:
             case requests.MoveJoints(position):
                 hand.direct.steer(position)
             case requests.MoveToPosture(name):
-                hand.move_to(name, wait=False)
+                hand.move_to(name, hand.direct.usual_speed(1.0), wait=False)
             case requests.PerformGrasp(name):
                 hand.grasp(name, wait=False)
             case requests.ChooseController(kind):
@@ -167,7 +167,7 @@ class HandSession:
             case requests.Teach(on):
                 return self._teach(on)
             case requests.PlayTaught():
-                hand.play(self._motion(), wait=False)
+                hand.play(self._motion(), approach=hand.direct.usual_speed(1.0), wait=False)
             case requests.StoreTaught(name, motion):
                 return self._store(name, motion=motion)
             case requests.Record(on):

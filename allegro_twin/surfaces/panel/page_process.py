@@ -92,7 +92,8 @@ class PageProcess:
 
 
 class PageServer:
-    """Where pages are served. Raises ConfigError for a port that is taken, and where viser is missing or too old."""
+    """Server of the pages, in a process of its own. Raises ConfigError for a port that is taken, and where viser is
+    missing or too old."""
 
     def __init__(self, host: str, port: int, gone: Literal["hold", "limp"], token: str | None = None) -> None:
         """`gone`: what a session does when nobody drives any more."""

@@ -132,7 +132,7 @@ class HttpRequest(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Of the computer, as the browser was told it."""
+        """Name of the computer as the browser knows it."""
         return urlsplit(f"//{self.headers.get('host', '')}").hostname or ""
 
     @property

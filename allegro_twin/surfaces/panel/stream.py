@@ -28,7 +28,7 @@ class StreamFrame(NamedTuple):
     t: float
     """s, on the session's clock."""
     position: Vector
-    """Of the hand, (n,), rad."""
+    """Positions of the hand's joints, (n,), rad."""
     torque: Vector
     """(n,), N·m."""
     temperature: Vector
@@ -59,7 +59,7 @@ class StreamFrame(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class SessionInfo:
-    """What the page is told when a session is opened."""
+    """Description of a session for the page, when it is opened."""
 
     session: int
     title: str

@@ -62,7 +62,7 @@ def open_ros1(
     speed: float = 2.0,
     on_refusal: Callable[[str], None] = _ignore,
 ) -> Iterator[RosBridge]:
-    """The same on ROS 1, by rospy, at the master of ROS_MASTER_URI."""
+    """Put a hand on ROS 1, by rospy, at the master of ROS_MASTER_URI; arguments as of `open_bridge`."""
     from allegro_twin.surfaces.ros.ros1 import Ros1Node
 
     words = ros_types()

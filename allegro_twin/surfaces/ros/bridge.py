@@ -181,7 +181,7 @@ class _Turn(NamedTuple):
 
 
 class SenderLock:
-    """Which program is obeyed: whoever came first, until it has been quiet."""
+    """Lock of the sender: the program that came first is obeyed, until it has been quiet."""
 
     def __init__(self) -> None:
         self._turn: _Turn | None = None

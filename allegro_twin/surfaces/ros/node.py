@@ -47,7 +47,7 @@ def struct(words: RosTypes, kind: str) -> type[IdlStruct]:
 
 @cache
 def wire(words: RosTypes, kind: str) -> type[Any]:
-    """The same type, whose samples are CDR bytes that nobody takes apart."""
+    """Message type with the same name, whose samples are CDR bytes that stay undecoded."""
     inner = struct(words, kind)
 
     class Wire(inner):  # type: ignore[misc, valid-type]  # The base is made at run time.
@@ -76,7 +76,7 @@ def _field(words: RosTypes, shape: tuple[Any, Any]) -> Any:
 
 
 HIGHEST = 232
-"""Of domain ids: the ports of a higher one are not there, DDSI-RTPS 9.6.1."""
+"""Highest domain id: the ports of a higher one do not exist, DDSI-RTPS 9.6.1."""
 LOOPBACK = """<CycloneDDS><Domain><General><Interfaces><NetworkInterface name="lo"/></Interfaces>
 </General><Discovery><ParticipantIndex>auto</ParticipantIndex>
 <MaxAutoParticipantIndex>99</MaxAutoParticipantIndex><Peers><Peer address="localhost"/></Peers></Discovery>
@@ -103,7 +103,7 @@ class Node:
     does not allow, LinkError where the network does not let it."""
 
     def __init__(self, words: RosTypes, name: str, namespace: str, domain: int, *, network: bool = False) -> None:
-        self.words, self.name, self.namespace = words, name, checked(namespace)
+        self.types, self.name, self.namespace = words, name, checked(namespace)
         if not 0 <= domain <= HIGHEST:
             raise ConfigError(f"ROS_DOMAIN_ID must be 0 to {HIGHEST}, not {domain}")
         if not NAME.fullmatch(name):
@@ -125,14 +125,14 @@ class Node:
 
     def subscribe(self, topic: str, kind: str, quality: QosProfile = PLAIN) -> None:
         """Begin to hear a topic."""
-        place = Topic(self._participant, self._dds(topic), wire(self.words, kind))
+        place = Topic(self._participant, self._dds(topic), wire(self.types, kind))
         reader = DataReader(self._participant, place, qos_of(quality, self._hash(kind)))
         self._readers[topic] = reader
         self._waiting.attach(ReadCondition(reader, SampleState.NotRead | ViewState.Any | InstanceState.Any))
 
     def announce(self) -> None:
         """Tell the world of this node and its topics; after the last `advertise` and `subscribe`."""
-        make, gid = self.words.make, self._gid
+        make, gid = self.types.make, self._gid
         entities = make(
             "rmw_dds_common/msg/NodeEntitiesInfo",
             node_namespace=self.namespace,
@@ -175,22 +175,22 @@ class Node:
         self.__dict__.pop("_participant", None)
 
     def _writer(self, name: str, kind: str, quality: QosProfile, *, hashed: bool = True) -> Any:
-        place = Topic(self._participant, name, wire(self.words, kind))
+        place = Topic(self._participant, name, wire(self.types, kind))
         return DataWriter(self._participant, place, qos_of(quality, *([self._hash(kind)] if hashed else [])))
 
     def _send(self, writer: Any, message: Message) -> None:
         try:
-            writer.write(wire(self.words, message.__msgtype__)(self.words.encode(message)))
+            writer.write(wire(self.types, message.__msgtype__)(self.types.encode(message)))
         except DDSException as error:
             raise LinkError(f"{self.name}: cannot publish: {error.msg}") from error
 
     def _hash(self, kind: str) -> Any:
         """Where ROS 2 since Iron looks for it."""
-        return Policy.Userdata(f"typehash={self.words.hash(kind)};".encode())
+        return Policy.Userdata(f"typehash={self.types.hash(kind)};".encode())
 
     def _gid(self, guid: UUID) -> Message:
-        length = dict(self.words.fields("rmw_dds_common/msg/Gid"))["data"][1][1]
-        return self.words.make("rmw_dds_common/msg/Gid", data=np.frombuffer(guid.bytes.ljust(length, b"\0"), np.uint8))
+        length = dict(self.types.fields("rmw_dds_common/msg/Gid"))["data"][1][1]
+        return self.types.make("rmw_dds_common/msg/Gid", data=np.frombuffer(guid.bytes.ljust(length, b"\0"), np.uint8))
 
     def _sender(self, reader: Any, sample: Any) -> UUID:
         known = reader.get_matched_publication_data(sample.sample_info.publication_handle)

@@ -19,7 +19,7 @@ class Ros1Node:
     """One node at a master. Raises ConfigError without rospy, LinkError without a master."""
 
     def __init__(self, words: v.RosTypes, name: str, namespace: str) -> None:
-        self.words, self.name, self.namespace = words, name, checked(namespace)
+        self.types, self.name, self.namespace = words, name, checked(namespace)
         self._ros, graph = _rospy()
         if not graph.is_master_online():
             raise LinkError(f"no ROS 1 master at {graph.get_master_uri()}: start roscore, or set ROS_MASTER_URI")
@@ -42,7 +42,7 @@ class Ros1Node:
 
         def hear(message: Any) -> None:
             sender = uuid.uuid5(uuid.NAMESPACE_URL, message._connection_header["callerid"])
-            data = bytes(self.words.store.ros1_to_cdr(message.data, kind))
+            data = bytes(self.types.store.ros1_to_cdr(message.data, kind))
             self._heard.put(Received(topic, data, sender))
 
         self._subscribers.append(
@@ -56,7 +56,7 @@ class Ros1Node:
             return
         kind = message.__msgtype__
         self._publishers[topic].publish(
-            self._raw(kind)(bytes(self.words.store.cdr_to_ros1(self.words.encode(message), kind)))
+            self._raw(kind)(bytes(self.types.store.cdr_to_ros1(self.types.encode(message), kind)))
         )
 
     def wait(self, seconds: float) -> list[Received]:

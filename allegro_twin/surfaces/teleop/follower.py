@@ -16,7 +16,7 @@ from allegro_twin.types import Array, Vector
 _FASTEST, _NOISE = 2.0, 0.02
 """m/s and m: fingertips on a palm that move further between two frames are a tracker's mistake, not a person's."""
 _PARTS = (1.0, 0.5, 0.25)
-"""Of the way to its goal that a finger is tried on when it would meet another."""
+"""Shares of the path to its goal on which a finger is tried when it would meet another."""
 _ROUNDING = 1e-6  # rad. The solver's posture may be so far beyond a limit that it keeps.
 WHAT = "teleop"
 Retarget = Callable[[Array], Vector]

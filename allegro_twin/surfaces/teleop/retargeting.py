@@ -21,7 +21,7 @@ _SMOOTH = 0.5  # The library's low pass: a new frame's share. Of 30 frames/s thi
 
 @dataclass(frozen=True, slots=True)
 class Retargeting:
-    """What a process needs to know to retarget for one hand."""
+    """Data with which a process retargets for one hand."""
 
     spec: HandSpec
     vectors: TargetVectors

@@ -39,7 +39,7 @@ _ARRIVE = 1.0  # s after the last frame of a track.
 
 
 class FrameSource(Protocol):
-    """What watches a person, elsewhere: asked for a frame, it has one some time later."""
+    """Tracker of a person in another process: asked for a frame, it has one some time later."""
 
     def ask(self, question: None) -> None: ...
     def ready(self, seconds: float = 0.0) -> bool: ...

@@ -36,7 +36,7 @@ def palm_length(landmarks: Array) -> float:
 
 
 def finger_length(landmarks: Array) -> float:
-    """Of the middle finger from its knuckle along its bones, m: the same however it is bent."""
+    """Length of the middle finger from its knuckle along its bones, m: the same however it is bent."""
     return float(np.linalg.norm(np.diff(landmarks[list(_MIDDLE_FINGER)], axis=0), axis=1).sum())
 
 
@@ -64,7 +64,7 @@ THUMB, LONGEST = "thumb", "middle"
 
 
 class TargetVectors(NamedTuple):
-    """Which fingertip each target is of, and from where."""
+    """Targets as vectors: the fingertip of each, and its origin."""
 
     origins: tuple[str | None, ...]
     """The finger whose tip it begins at; None: the palm."""

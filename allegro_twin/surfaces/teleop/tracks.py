@@ -19,12 +19,12 @@ from allegro_twin.surfaces.teleop.targets import COUNT, PALM, palm_length
 from allegro_twin.types import Array, Vector
 
 HEADER = ["t", *(f"{axis}{k}" for k in range(COUNT) for axis in "xyz")]
-"""Of a `.csv`: s, then m."""
+"""Columns of a `.csv`: s, then m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandTrack:
-    """What a tracker saw."""
+    """Tracked motion of a person's hand."""
 
     times: Vector
     """s, ascending, (k,)."""

@@ -17,7 +17,7 @@ from allegro_twin.types import Array
 
 @dataclass(frozen=True, slots=True)
 class Webcam:
-    """What a process needs to know to watch."""
+    """Settings of a tracking process on a webcam."""
 
     model: Path
     """MediaPipe's hand landmarker, a `.task` file."""

@@ -32,7 +32,7 @@ from allegro_twin.types import Command, HandState, Vector, frozen
 
 
 class HostReading(NamedTuple):
-    """What a host knows of the joints at the end of a period, (n,) each."""
+    """Joint state as a host knows it at the end of a period, (n,) each."""
 
     position: Vector
     """rad."""

@@ -18,7 +18,7 @@ SampleStages: TypeAlias = Callable[[Iterator[Sample], ReferenceColumns], Iterato
 
 
 class BranchOptions(NamedTuple):
-    """How a hand on a wire continues."""
+    """Options of a branch of a hand on a wire."""
 
     hand: str = ""
     """The hand's file; default: the one it was recorded with."""

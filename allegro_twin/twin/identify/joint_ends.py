@@ -43,7 +43,7 @@ _NOTE = "Measured by `allegro-twin calibrate limits`"
 
 
 class JointEnds(NamedTuple):
-    """What a sweep of the joints has found."""
+    """Result of a sweep of the joints."""
 
     model: HandSpec
     """The hand as the model has it, without a file of its own."""
@@ -52,7 +52,7 @@ class JointEnds(NamedTuple):
     seconds: float
     """How long it took on the hand's clock, s."""
     codec: Codec | None
-    """Of a hand on a bus, with which its positions were read."""
+    """Codec of a hand on a bus, with which its positions were read."""
 
     def encoder_offsets(self) -> EncoderOffsets:
         """Encoder offsets that put every range where the model has it. Raises ConfigError for a joint that was not
@@ -90,7 +90,7 @@ def find_joint_ends(
             hand_kinematics(rig.spec).gravity_torque, None if vector is None else frozen(vector)
         )
         rest = load_posture("calibrate", rig.spec)
-        moves = limit_sweep(rig.spec, rest)
+        moves = limit_sweep(rig.spec, rest).checked(rig.check_speed)
         controller: Controller[object]
         if by_hand is None:
             # The sweep's duration from rest, plus time to get there.

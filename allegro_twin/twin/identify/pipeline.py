@@ -43,7 +43,7 @@ class KnownWeight:
     at: str
     """`tip` for all fingers, or a finger's name."""
     mass: float
-    """kg"""
+    """Mass of the weight, kg."""
     recording: str
     """The recording by its path, or by its file name where no other has that; with or without suffix."""
 

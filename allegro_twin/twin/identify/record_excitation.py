@@ -44,8 +44,8 @@ class ExcitationRun:
     pose: ExcitationPose
     seconds: float
     seed: int
-    """Of the motion in this file."""
-    asked: int
+    """Seed of the motion in this file."""
+    requested_seed: int
     """The seed that the files of this pose share."""
     file: Path
 
@@ -213,5 +213,5 @@ def _meta(rig: Rig, config: RunConfig, job: ExcitationRun, motion: Excitation) -
         found |= rig.sim.meta()
     return found | {
         "calibration": dict(rig.device.calibration),
-        "excitation": {"pose": job.pose.name, "asked": job.asked, "seed": motion.seed, "scale": motion.scale},
+        "excitation": {"pose": job.pose.name, "asked": job.requested_seed, "seed": motion.seed, "scale": motion.scale},
     }

@@ -127,7 +127,7 @@ def motion_figures(found: Identification) -> str:
     player = found.fit.player(motion)
     cuts = cut_segments([motion], motion.spec, round(_SHOWN / motion.period))
     middle = slice(len(cuts.position) // 2, len(cuts.position) // 2 + 1)
-    pieces = type(cuts.pieces)(*(each[middle] for each in cuts.pieces))
+    pieces = type(cuts.segments)(*(each[middle] for each in cuts.segments))
     simulated = player.play(found.fit.drive, cuts.position[middle], cuts.velocity[middle], pieces)[0]
     before = player.play(found.fit.start, cuts.position[middle], cuts.velocity[middle], pieces)[0]
     measured, t = cuts.measured[middle][0], np.arange(simulated.shape[0]) * motion.period
@@ -151,7 +151,7 @@ def spectrum_figures(found: Identification) -> str:
     motion = found.motions[0]
     player = found.fit.player(motion)
     cuts = cut_segments(list(found.motions), motion.spec)
-    left = player.play(found.fit.drive, cuts.position, cuts.velocity, cuts.pieces) - cuts.measured
+    left = player.play(found.fit.drive, cuts.position, cuts.velocity, cuts.segments) - cuts.measured
     power = np.square(np.abs(np.fft.rfft(left - left.mean(axis=1, keepdims=True), axis=1))).mean(axis=0) / left.shape[1]
     hertz = np.asarray(np.fft.rfftfreq(left.shape[1], motion.period), np.float64)
     cards = []

@@ -40,7 +40,7 @@ class Contact(NamedTuple):
 
     finger: str
     begin: float
-    """s"""
+    """Time when it began, s."""
     end: float
     """s; the end of the motion where the touch lasts until then."""
     torque: float
@@ -153,17 +153,6 @@ def push_ratio(
         return np.asarray(np.sqrt(share[..., list(joints)].sum(axis=-1)))
     sums = [share[..., list(finger.joints)].sum(axis=-1) for finger in spec.fingers]
     return np.asarray(np.sqrt(np.stack(sums, axis=-1)))
-
-
-def touched_fingers(disturbance: Array, above: Array, spec: HandSpec, held: Array = NOTHING) -> Array:
-    """Whether each finger is touched, (k, fingers): it was outside its ellipsoid for the last PERIODS periods.
-    Arguments as of `push_ratio`."""
-    over = push_ratio(disturbance, above, spec, held=held) > 1.0
-    kept = over.copy()
-    for back in range(1, PERIODS):
-        kept[back:] &= over[:-back]
-        kept[:back] = False
-    return np.asarray(kept)
 
 
 def outermost_joint(share: Vector, joints: Sequence[int]) -> int:

@@ -57,11 +57,11 @@ class DriftBlock(NamedTuple):
     """A block after dry friction is taken out: products of the shapes x with each other and with d."""
 
     squares: Array
-    """Of the encoders' and motors' shapes, (2n, 2n)."""
+    """Products of the encoders' and motors' shapes, (2n, 2n)."""
     along: Vector
     """(2n,)"""
     heavy: Array
-    """Of the payloads' shapes: with themselves, and with d, (2, n)."""
+    """Products of the payloads' shapes: with themselves, and with d, (2, n)."""
 
 
 class DriftDetector:

@@ -104,10 +104,10 @@ class LinkWeights(NamedTuple):
 
 
 class FreeShapes(NamedTuple):
-    """What free motion leaves to be taken for a fault's shape."""
+    """Shapes of faults that free motion already shows."""
 
     noise: Vector
-    """Of each joint, as from `free_noise`, (n,), N·m."""
+    """Noise of each joint, as from `free_noise`, (n,), N·m."""
     gains: Array
     """The largest gain of each evaluation with this noise, (evaluations, fingers), N²m²."""
 
@@ -132,9 +132,10 @@ class Thresholds(NamedTuple):
     """Thresholds that free motions of a hand do not reach."""
 
     contact: Array
-    """Of disturbances, as from `contact_thresholds`, (2, n), N·m: of joints at rest, and moving."""
+    """Thresholds of disturbances, as from `contact_thresholds`, (2, n), N·m: of joints at rest, and moving."""
     gains: Vector
-    """Of shapes, as `signature_fault` takes them, (fingers,); infinite without a free motion."""
+    """Thresholds of the gains of shapes, as `signature_fault` takes them, (fingers,); infinite without a free
+    motion."""
     spread: Vector = UNKNOWN
     """Standard deviation of the disturbances that noise alone makes in a mirror for which these thresholds hold, (n,),
     N·m: the thresholds grow with the present one. Infinite where it is not known."""
@@ -324,7 +325,7 @@ class FaultDetector:
                 self._forget(found.joint)
 
     def _forget(self, joint: int) -> None:
-        """Of the finger of a joint only rows from now on count: its model, or what is known of it, has changed."""
+        """Discard the rows of a joint's finger up to now: its model, or what is known of it, has changed."""
         finger = self._spec.finger_of(joint)
         self._since[finger], self._sign[finger] = self._count, -1
         self._drift.forget(self._spec.fingers[finger].joints)

@@ -67,7 +67,7 @@ friction was told from weakness in 47 of 48 windows of hands 200-202 (13 without
 
 
 class SignatureGain(NamedTuple):
-    """What one shape explains of a finger's disturbances."""
+    """Gain of one shape: its share in a finger's disturbances."""
 
     name: FaultName
     joint: int

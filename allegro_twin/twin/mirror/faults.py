@@ -38,7 +38,7 @@ class MirrorWindow(NamedTuple):
     disturbance: Array
     """(k, n), N·m."""
     torque: Array
-    """Of the motors, by the mirror's file, (k, n), N·m."""
+    """Torque of the motors by the mirror's file, (k, n), N·m."""
     velocity: Array
     """(k, n), rad/s."""
     side: Array
@@ -85,7 +85,7 @@ class FaultReport(NamedTuple):
     """When it first showed, s: a fault of a joint that does not move shows later than it comes. A joint that is stuck:
     since when it has not moved; a jump: when it came."""
     named: float
-    """s"""
+    """Time when it was named, s."""
     ended: float = np.inf
     """When the name was withdrawn, or what it says was over, s; infinite while it holds."""
 

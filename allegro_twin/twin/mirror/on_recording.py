@@ -36,18 +36,18 @@ MADE = ("format", "version", "hand", "period")
 
 
 class FreeMotion(NamedTuple):
-    """What a motion that touches nothing shows of a hand and its file."""
+    """Thresholds and misfit from a motion that touches nothing."""
 
     thresholds: Thresholds
     excess: Vector
     """Disturbance that the file leaves in it, rms, in times what noise alone makes, (n,)."""
     residual: Vector
-    """The same in N·m, rms, (n,)."""
+    """Disturbance that the file leaves in it, rms, (n,), N·m."""
     hand: str
     """The file, or empty for the nominal hand."""
     path: Path
     serial: str
-    """Of the hand in the motion, empty where it has no name."""
+    """Serial of the hand in the motion, empty where it has no name."""
 
     @property
     def unexplained(self) -> NDArray[np.bool_]:

@@ -43,7 +43,7 @@ BACK = 0.5
 LET_GO, INWARD = 0.3, 0.004
 """Lost share of the push of one of several fingers; rad."""
 ALTOGETHER, ALONE = 0.7, 0.02
-"""The same while the palm turns, and for one finger alone; rad, for one finger alone."""
+"""Lost share of the push while the palm turns, and for one finger alone; rad, for one finger alone."""
 SHARED = 0.03
 """Least change of another finger's push, as a share of what one finger lost: what two hold is in balance, and a push on
 one finger alone is not what they hold. With objects that slip 0.08 and more, with a push that ends 0.004."""
@@ -74,7 +74,7 @@ class _Row(NamedTuple):
 
 
 class _Grip(NamedTuple):
-    """How a hand at rest held something."""
+    """Grip of a hand at rest."""
 
     held: NDArray[np.bool_]
     """Fingers, (fingers,)."""

@@ -13,13 +13,13 @@ from allegro_twin.twin.rehearsal.protocol import AVERAGED
 from allegro_twin.types import Array, Vector
 
 SPENT = 0.99
-"""Of its torque limit, from which a motor gives all it has."""
+"""Share of its torque limit from which a motor gives all it has."""
 STILL = 5e-4
 """rad, standard deviation of a joint that rests: the noise of the worst encoder here is 0.2 mrad."""
 SWINGS = 2.0
 """Periods in that time; what has fewer creeps."""
 BRIEFLY = 0.01
-"""Of the time, in which a motor that gives all it has is no news."""
+"""Share of the time for which a motor may give all it has without being named."""
 
 
 class Following(NamedTuple):
@@ -27,11 +27,11 @@ class Following(NamedTuple):
 
     spec: HandSpec
     t: Vector
-    """s"""
+    """Times of the rows, s."""
     target: Array
     """(k, n), rad."""
     rate: Array
-    """Of the target, (k, n), rad/s."""
+    """Speed of the target, (k, n), rad/s."""
     position: Array
     """By the encoders, corrected, (k, n), rad."""
     truth: Array | None
@@ -112,7 +112,7 @@ def far_joints(error: Vector, found: Following) -> str:
     spent = (np.abs(found.torque[late]) >= SPENT * spec.actuation.torque_limit).all(axis=0)
     towards = np.zeros(spec.n_joints)
     towards[far] = -np.nan_to_num(error[far])
-    stops = CollisionFreePaths(spec).in_the_way(found.known[late].mean(axis=0), towards)
+    stops = CollisionFreePaths(spec).blocking_parts(found.known[late].mean(axis=0), towards)
     # The other joints of a finger that is stopped lean on what stops it.
     stopped: dict[int | None, str] = {_finger(spec, joint): why for joint, why in stops.items()}
     why = {joint: stopped.get(_finger(spec, joint), "its motor gives all it has") for joint in far if spent[joint]}

@@ -57,7 +57,7 @@ FORMAT = 1
 
 @dataclass(slots=True)
 class Conversation:
-    """How a rehearsal speaks with the person at the hand; the defaults say nothing and ask nothing."""
+    """Dialogue with the person at the hand; the defaults say nothing and ask nothing."""
 
     place: Callable[[ExcitationPose], object] = lambda pose: None
     """Called before the hand moves in another pose than before; returns when it lies so."""

@@ -39,7 +39,7 @@ class RehearsalProtocol:
     """Scenarios whose grasps are closed: in the air, or on their objects where a scene is simulated."""
     twins: tuple[str, ...] = ("nominal", "identified")
     seed: int = 0
-    """Of the excitations."""
+    """Seed of the excitations."""
 
     def tracking_poses(self) -> tuple[str, ...]:
         """Poses in which postures are held: those that are also excited, else the last that is."""

@@ -60,7 +60,7 @@ IDLE = 0.1
 
 
 class RehearsedTwin(NamedTuple):
-    """What a host believes of the hand, and how far its encoders are from right with that."""
+    """Hand as its host believes it to be, and the error of its encoders then."""
 
     name: str
     serial: str
@@ -255,7 +255,7 @@ def _follow(
         assert isinstance(controller.reference, Moves | CollisionFreeMove)
         first, *others = controller.reference.waypoints
         state, legs = approach_from(rig, state, first, twin.shift, str(task.get("posture", "the first posture")))
-        controller = replace(controller, reference=Moves([*legs, *others]))
+        controller = replace(controller, reference=Moves([*legs, *others], rig.check_speed))
         path: Any = controller.reference.begin(state.position)
         began, rows = state.t, list[tuple[Any, ...]]()
         end = began + max(path.seconds, seconds or 0.0) + rest

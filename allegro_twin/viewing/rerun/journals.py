@@ -96,5 +96,5 @@ def _cloud(depth: Array, lens: Array) -> Array:
 
 
 def _pose(pose: Array) -> rr.Transform3D:
-    """Of position, m, and quaternion w x y z."""
+    """Rerun transform of a pose: position, m, and quaternion w x y z."""
     return rr.Transform3D(translation=pose[:3], quaternion=pose[[4, 5, 6, 3]])

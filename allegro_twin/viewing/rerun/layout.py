@@ -93,7 +93,7 @@ def _plot(finger: str, kinds: tuple[str, ...]) -> rrb.TimeSeriesView:
 
 
 def _eye(spec: HandSpec, scenery: Scenery, start: str) -> rrb.EyeControls3D:
-    """The same views as the camera's."""
+    """Eye of a Rerun view, at the same place as the camera's of that name."""
     palm = matrix_from_quaternion(np.array(scenery.palm[3:]))
     target, place = aimed_view(start, spec.side, *Skeleton(scenery.bodies, spec).tips(), palm)
     middle = np.array(scenery.palm[:3]) + palm @ target.middle

@@ -183,12 +183,6 @@ def shown(samples: Iterable[Sample], viewer: Viewer, look: Look | None = None) -
         yield sample
 
 
-def write_rrd(samples: Iterable[Sample], viewer: Viewer, path: Path, look: Look | None = None) -> None:
-    """Consume all samples of a hand into a `.rrd` file, which is there only when it is whole."""
-    events = (DeviceSample("hand", sample, look() if look is not None else {}) for sample in samples)
-    write_events(events, viewer, path)
-
-
 def write_events(events: Iterable[SessionEvent], viewer: Viewer, path: Path) -> None:
     """Consume all events of a session into a `.rrd` file, which is there only when it is whole."""
     with atomic_file(path) as temporary:

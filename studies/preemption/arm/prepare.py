@@ -58,7 +58,7 @@ def planned(study: ArmStudy, hand: str, name: str) -> PreparedGrasp:
         plan: GraspPlan = plan_grasp(solid_of(one), cell, adapter=adapter)
     finally:
         cell.close()
-    card, palm = plan.way.card, plan.way.palm
+    card, palm = plan.candidate.card, plan.candidate.palm
     grasp = card.grasp
     return PreparedGrasp(
         card.name, plan.through[-1], (palm.position, palm.rotation), grasp.preshape, grasp.close, grasp.squeeze

@@ -21,8 +21,8 @@ from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load_settings, parse_settings
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.sim.objects.catalogue import GraspObject, PlacedObject, load_object
-from allegro_twin.sim.objects.tabletop import compile_tabletop, place_standing
 from benchmarks.perception import apart
+from benchmarks.tabletop import compile_tabletop, place_standing
 
 SETTINGS = load_settings(PerceptionSettings, data_root() / "conf" / "perception" / "table.yaml")
 EYE = (-0.36, 0.05, 0.38)

@@ -54,6 +54,13 @@ class Spy:
     def __exit__(self, *ended: object) -> None:
         self.asked.append("closed")
 
+    @property
+    def direct(self) -> Spy:
+        return self
+
+    def usual_speed(self, usual: float) -> float:
+        return usual
+
     def move_to(self, *how: object, **more: object) -> None:
         self._keep("move_to", *how, more)
 
@@ -94,7 +101,7 @@ def test_posture_and_grasp_hand_their_options_on_and_let_go(command: Run, monkey
 @pytest.mark.parametrize(
     ("key", "asked"),
     [
-        *((key, ("move_to", name, {"wait": False})) for key, name in
+        *((key, ("move_to", name, 1.0, {"wait": False})) for key, name in
           zip("hr123", ("home", "ready", "rock", "scissors", "paper"), strict=True)),
         *((key, ("grasp", name, {"wait": False})) for key, name in
           zip("gkpme", ("grasp_3", "grasp_4", "pinch_index", "pinch_middle", "envelop"), strict=True)),

@@ -333,8 +333,9 @@ def test_in_the_background_time_passes_on_its_own_and_stop_stays_there() -> None
 
 def test_a_fault_in_the_background_reaches_whoever_asks_next() -> None:
     with Hand.open(config(limits={"velocity": 0.2}), background=True) as hand:
+        hand.set_controller("torque", torque=0.1)
         with pytest.raises(HandFault, match=r"over its limit of 0\.20 rad/s"):
-            hand.move_to("home", 3.0)
+            hand.wait(3.0)
         with pytest.raises(HandFault):
             _ = hand.state
 

@@ -336,8 +336,10 @@ def test_a_bridge_that_ends_leaves_the_hand_as_it_is(namespace: str, home: Vecto
 def test_when_the_hand_ends_the_bridge_says_why_and_ends(namespace: str, peer: Peer) -> None:
     with Hand.open(sim_config(limits={"velocity": 1.2}), background=True) as hand:
         peer.hear("/diagnostics", v.DIAGNOSTICS)
-        with open_bridge(hand, namespace=namespace, domain=DOMAIN) as bridge:
-            peer.lib_cmd("home")  # Faster than this guard lets it.
+        with pytest.raises(ConfigError, match=r"set-points: .* would move at 2 rad/s; 1\.2 is where the guard stops"):
+            open_bridge(hand, namespace=namespace, domain=DOMAIN).__enter__()
+        with open_bridge(hand, namespace=namespace, domain=DOMAIN, speed=1.0) as bridge:
+            hand.set_controller("torque", torque=0.2)  # Faster than this guard lets it.
             with pytest.raises(HandFault):
                 bridge.serve()
             last = peer.listen(5.0, lambda topic, message: message.status[0].level == 2)

@@ -196,7 +196,10 @@ def test_a_camera_leads_as_a_file_does_and_a_late_one_lets_the_hand_hold() -> No
 
 
 def test_the_guard_stands_between() -> None:
-    with led(sim_config(limits={"velocity": 1.0})) as it, pytest.raises(HandFault, match="rad/s"):
+    slow = sim_config(limits={"velocity": 1.0})
+    with pytest.raises(ConfigError, match=r"would move at 2 rad/s; 1 is where the guard stops"), led(slow):
+        pass
+    with led(slow, speed=1.0) as it, pytest.raises(HandFault, match="rad/s"):
         it.play(*still(2.0, CLOSED))
 
 

@@ -455,7 +455,7 @@ def test_a_recording_of_which_hardly_a_piece_can_be_used_is_refused() -> None:
 def test_one_joint_is_one_and_what_a_joint_does_not_have_is_a_dash() -> None:
     source = ("nominal", *["all"] * 15)
     errors = dict.fromkeys(("nominal", "written", "determined", "all"), np.ones(16))
-    written: Any = SimpleNamespace(errors=errors, seconds=1.0, nothing=False, source=source)
+    written: Any = SimpleNamespace(errors=errors, seconds=1.0, is_nominal=False, source=source)
     assert describe_prediction(written).endswith("Of 1 joint nominal is best, and stays.")
     value = IdentifiedValue(np.array([0.0, 0.001]), np.array([0.0, 0.0005]), ("", ""))
     found: Any = SimpleNamespace(values={"bias_torque": value})

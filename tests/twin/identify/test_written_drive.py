@@ -41,10 +41,10 @@ def wrecked(joints: slice) -> DriveParameters:
 def test_what_is_kept_back_is_the_end_of_every_motion_and_no_fit_sees_it() -> None:
     motions = list(hidden.found().motions)
     seen, unseen = (cut_segments(motions, motions[0].spec, LONG, LONG, part) for part in (SEEN, UNSEEN))
-    assert hidden.found().fit.pieces == len(seen.position)
+    assert hidden.found().fit.segments == len(seen.position)
     last = 0.8 * len(motions[0].position) * motions[0].period
-    assert seen.pieces.time.max() + LONG * motions[0].period <= last + 1e-6
-    assert unseen.pieces.time.min() >= last - 0.004
+    assert seen.segments.time.max() + LONG * motions[0].period <= last + 1e-6
+    assert unseen.segments.time.min() >= last - 0.004
     assert len(unseen.position) >= 3
 
 
@@ -52,11 +52,11 @@ def test_a_piece_brings_the_speeds_that_came_before_it() -> None:
     motion = hidden.found().motions[0]
     cuts, smooth = cut_segments([motion], motion.spec, LONG, LONG, SEEN), smooth_motion(motion)
     for number in (0, 3):
-        first = round(float(cuts.pieces.time[number]) / motion.period)
-        came = cuts.pieces.past[number]
+        first = round(float(cuts.segments.time[number]) / motion.period)
+        came = cuts.segments.past[number]
         np.testing.assert_array_equal(came[-1], smooth.velocity[first - 1])
         np.testing.assert_array_equal(came[-5], smooth.velocity[first - 5])
-    assert not cuts.pieces.past[0, 0].any()  # Nothing is known from before the recording.
+    assert not cuts.segments.past[0, 0].any()  # Nothing is known from before the recording.
 
 
 def test_a_drive_that_was_found_out_is_written_for_every_joint_and_proves_itself() -> None:

@@ -34,12 +34,12 @@ from allegro_twin.twin.mirror.contact_detection import (
     held_friction,
     joint_thresholds,
     push_ratio,
-    touched_fingers,
 )
 from allegro_twin.twin.mirror.factory import describe_backlash, make_mirror
 from allegro_twin.twin.mirror.fault_detection import FreeShapes, Thresholds
 from allegro_twin.twin.mirror.mirror import Mirror, NoiseEstimator
 from allegro_twin.types import Array, Sample, Vector
+from benchmarks.mirror import touched_fingers
 from tests.conftest import MakeSim
 
 N = 16

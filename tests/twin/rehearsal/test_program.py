@@ -138,7 +138,7 @@ def test_everything_is_done_in_order_and_a_person_is_asked_once_for_each_pose(
 def test_what_an_identification_ends_with_is_said_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rms = {"nominal": 0.2, "written": 0.03, "determined": 0.4, "all": 0.04}
     errors = {name: np.full(16, each) for name, each in rms.items()}
-    written = SimpleNamespace(errors=errors, seconds=3.5, nothing=False, source=("all",) * 16)
+    written = SimpleNamespace(errors=errors, seconds=3.5, is_nominal=False, source=("all",) * 16)
     fit = SimpleNamespace(spread=SimpleNamespace(residual=np.full(16, 9.0)))
     constant = SimpleNamespace(value=np.ones(16), half=np.ones(16))
     found = SimpleNamespace(fit=fit, written=written, values={"torque_constant": constant}, motions=())

@@ -26,7 +26,8 @@ _TOP = 0.99
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointSample:
-    """In axes whose z is the table's normal and whose x goes away from the camera; heights are above the table."""
+    """Points of an object for a fit, in axes whose z is the table's normal and whose x points away from the camera;
+    heights are above the table."""
 
     points: Array
     """(n, 3), m."""
@@ -77,7 +78,7 @@ _STEP = 1e-6  # Of a difference, m and rad.
 
 
 class SolidFit(NamedTuple):
-    """Where the steps ended."""
+    """Result of a fit: where the steps ended."""
 
     parameters: Vector
     error: float

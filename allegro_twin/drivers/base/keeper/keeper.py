@@ -52,7 +52,7 @@ class Keeper:
         orders = {
             "program": os.getpid(),
             "memory": memory,
-            "way": way,
+            "address": way,
             "limp": [(identifier, data.hex(), remote) for identifier, data, remote in limp],
             "reports": sorted(reports),
             "ask": ask,

@@ -19,17 +19,17 @@ FINGERS = ("index", "middle", "ring", "thumb")
 
 
 class ServoAnswer(NamedTuple):
-    """How to ask a hand whether its motors are on."""
+    """Request and answer that tell whether a hand's motors are on."""
 
     ask: Frame
     byte: int
-    """Of the answer, which has the same identifier."""
+    """Index of the byte in the answer, which has the same identifier."""
     mask: int
     """The bit that says that they are on."""
 
 
 class Codec(Protocol):
-    """Between messages and frames, for one hand on the bus. Pure: no state, no clock, no bus."""
+    """Conversion between messages and frames, for one hand on the bus. Pure: no state, no clock, no bus."""
 
     @property
     def version(self) -> Version:
@@ -43,7 +43,7 @@ class Codec(Protocol):
 
     @property
     def rad_per_count(self) -> float:
-        """Of a joint's report."""
+        """Resolution of a joint's report, rad a count."""
         ...
 
     @property
@@ -119,7 +119,7 @@ def parse_request(frame: Frame, request: Request, length: int) -> Request:
 
 
 def answer(topic: Topic, finger: int | None, length: int, read: Callable[[bytes], Message]) -> Decoder:
-    """Of an identifier that the host asks with and the hand answers with."""
+    """Decoder of an identifier that the host asks with and the hand answers with."""
     request = Request(topic, finger)
 
     def decode(frame: Frame) -> Message:

@@ -24,9 +24,9 @@ class JointFrames(NamedTuple):
     """The frames of all joints, a finger's each, index to thumb, that stand on the bus one after the other."""
 
     id: tuple[int, ...]
-    """Of each."""
+    """Identifiers of the frames, one a finger."""
     data: bytes
-    """Of all four, 32 bytes."""
+    """Data of all four frames, 32 bytes."""
     remote: bool = False
 
     @property

@@ -38,7 +38,7 @@ class SetPosition(NamedTuple):
 
 
 class SetPeriod(NamedTuple):
-    """How often the hand reports by itself; 0: never."""
+    """Periods of the hand's own reports; 0: never."""
 
     position: float
     """s."""
@@ -85,7 +85,7 @@ class Calibrate(NamedTuple):
 
 
 class Topic(Enum):
-    """What a host can ask a hand for."""
+    """Topic of a request to the hand."""
 
     INFORMATION = "information"
     SERIAL = "serial"
@@ -149,14 +149,14 @@ class Status(NamedTuple):
 
 
 class Information(NamedTuple):
-    """Which hand it is."""
+    """Identity of the hand."""
 
     hardware: int
     firmware: int
     side: Side | None
     """None where the version does not tell (v5: its serial does)."""
     temperature: float = float("nan")
-    """Of the palm, °C; NaN where the version does not tell."""
+    """Temperature of the palm, °C; NaN where the version does not report it."""
     bits: StatusBits | None = None
     """None where the version does not tell."""
 

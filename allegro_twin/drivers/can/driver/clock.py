@@ -46,7 +46,8 @@ lost."""
 
 
 class Continuity:
-    """Whether the time between two whole hands is known: the count of the periods heard and the stamps must agree.
+    """Check whether the time between two whole hands is known: the count of the periods heard and the stamps must
+    agree.
 
     The count alone misses periods of which nothing was heard: of a receive buffer that ran over, the end of the old
     reports and the beginning of the new ones stand in order, one after the other. The stamps alone are those of a host,
@@ -110,7 +111,7 @@ class Continuity:
 
 
 class QuartzRate:
-    """How much longer a hand's period is than it was told, for its quartz is not the host's.
+    """Rate of a hand's quartz against the host's: how much longer its period is than requested.
 
     Host and adapter only ever delay a stamp, so the least lateness of ten states is near the truth. Where it goes the
     same way over four such windows, or four groups of 2, 4 or 16, by more than stamps scatter, the period is another
@@ -243,7 +244,7 @@ class _Look(NamedTuple):
 
 
 class PeriodCheck:
-    """Whether a hand keeps the period that it was told, by its reports a second.
+    """Check whether a hand keeps the requested period, by its reports a second.
 
     A bunch of reports after a stall comes faster than any hand, but the time of the stall is before it: what has come
     too fast over every span from 0.1 s to 1.5 s, or to the session's first report, is a hand with a shorter period.

@@ -9,7 +9,7 @@ from allegro_twin.errors import ConfigError
 
 @dataclass(frozen=True, slots=True)
 class CanHostSettings:
-    """How to deal with a hand on a bus. Raises ConfigError for times that no hand can keep."""
+    """Settings of the host's side of a CAN bus. Raises ConfigError for times that no hand can keep."""
 
     period: float = 0.003
     """s between two reports; the hand is told."""
@@ -21,7 +21,7 @@ class CanHostSettings:
     keeper: bool = True
     """Have a process of its own do so, which also does it when the program dies; where the bus can be shared."""
     velocity_cutoff: float = 30.0
-    """Of the filter behind joint velocities, Hz."""
+    """Cutoff of the filter on joint velocities, Hz."""
     identify: bool = True
     """Ask the hand who it is, where its version answers, and refuse the wrong one."""
     gravity: tuple[float, float, float] | None = None

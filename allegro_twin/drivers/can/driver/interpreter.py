@@ -78,7 +78,7 @@ class Interpreter:
 
     @property
     def reports(self) -> int:
-        """Of fingers, taken in so far."""
+        """Number of finger reports taken in so far."""
         return self._assembler.reports
 
     def hear_all(self, queue: deque[Stamped | StampedJoints]) -> None:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 N_FINGERS = 4
 GAP = 0.75
-"""Of the period: no two reports of one period lie so far apart, and those of two periods do unless they were read
+"""Share of the period: no two reports of one period lie so far apart, and those of two periods do unless they were read
 late. Four reports take 0.5 ms on a bus of 1 Mbit/s."""
 
 

@@ -14,7 +14,7 @@ from allegro_twin.errors import ConfigError
 log = logging.getLogger(__name__)
 
 PRIORITY = 20
-"""Of SCHED_FIFO, 1 … 99: above every ordinary program, below the kernel's own threads (50)."""
+"""Priority in SCHED_FIFO, 1 … 99: above every ordinary program, below the kernel's own threads (50)."""
 
 SLICE = 100_000
 """ns that this program wants to run at a stretch: the shortest that the kernel grants (sched(7), since Linux 6.12). A

@@ -59,7 +59,7 @@ class Watch:
         if port.link.lockstep:
             return
         self._inhibitor = self._inhibitor or Inhibitor()
-        way = port.link.way if hasattr(os, "memfd_create") else "this system cannot share memory with one"
+        way = port.link.address if hasattr(os, "memfd_create") else "this system cannot share memory with one"
         if self._settings.keeper and isinstance(way, dict):
             answer, reports = self._shutdown.answer, self._codec.positions.fingers
             ask = None if answer is None else (answer.ask.id, answer.byte, answer.mask)

@@ -79,8 +79,8 @@ class AdapterLink(Link):
         self.lockstep = bool(getattr(bus, "lockstep", False))
 
     @property
-    def way(self) -> Way | str:
-        return self._way or super().way
+    def address(self) -> Way | str:
+        return self._way or super().address
 
     def now(self) -> float:
         return float(self._bus.now) if self.lockstep else time.monotonic()  # type: ignore[attr-defined]

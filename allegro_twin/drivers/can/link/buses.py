@@ -26,7 +26,7 @@ def shared(interface: str, channel: str, bitrate: int, options: Mapping[str, Any
     if key not in _open:
         bus = open_bus(interface, channel, bitrate, options)
         closed = lambda: _open.__delitem__(key)  # noqa: E731  # A name for what stands in the call below.
-        way = {"kind": "socketcan", "channel": channel} if interface == "socketcan" else getattr(bus, "way", None)
+        way = {"kind": "socketcan", "channel": channel} if interface == "socketcan" else getattr(bus, "address", None)
         _open[key] = AdapterLink(bus, bitrate, f"{interface} {channel}", closed, local=interface in LOCAL, way=way)
     return _open[key]
 

@@ -66,7 +66,7 @@ class Link(ABC):
         """Let go of the bus."""
 
     @property
-    def way(self) -> Way | str:
+    def address(self) -> Way | str:
         """How a process of its own can reach this bus, or why none can."""
         return "this adapter serves one program at a time"
 

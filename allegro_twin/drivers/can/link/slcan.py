@@ -46,7 +46,7 @@ class SlcanBus(slcanBus):
             unless_open.pop_all()
 
     @property
-    def way(self) -> Way:
+    def address(self) -> Way:
         """Another process can go on writing to the port that is open here."""
         return {"kind": "slcan", "fd": self.serialPortOrig.fileno()}
 

@@ -29,7 +29,7 @@ class SocketcandBus(can.BusABC):
 
     def __init__(self, channel: str, host: str, port: int, tcp_tune: bool = True, **ignored: Any) -> None:
         self._text, self._queue = "", deque[can.Message]()
-        self.way: Way = {"kind": "socketcand", "host": str(host), "port": int(port), "channel": channel}
+        self.address: Way = {"kind": "socketcand", "host": str(host), "port": int(port), "channel": channel}
         try:
             self._socket = socket.create_connection((str(host), int(port)), timeout=_CONNECT)
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

@@ -24,7 +24,7 @@ _ENOUGH = 50  # Intervals without a loss from which a hand's period is clear.
 
 @dataclass(slots=True)
 class Found:
-    """What there was in what was heard."""
+    """Contents of a passive recording."""
 
     frames: int = 0
     states: int = 0

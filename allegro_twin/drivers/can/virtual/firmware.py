@@ -20,12 +20,12 @@ from allegro_twin.types import HandState, TorqueCommand, Vector
 
 _LIMP = int(StatusBits.JOINT_HOT | StatusBits.PALM_HOT)
 Pressures = Callable[[], Vector]
-"""Of the four fingertips, (4,), Pa."""
+"""Source of the pressures in the four fingertips, (4,), Pa."""
 
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """What the hand says of itself."""
+    """Identity that the hand reports."""
 
     serial: str = "VIRTUAL1"
     """Up to eight ASCII characters."""

@@ -62,7 +62,7 @@ class LockstepLink(Link):
         self._hands, self._time, self._answers = hands, Lockstep(hands), list[Frame | JointFrames]()
 
     @property
-    def way(self) -> str:
+    def address(self) -> str:
         return "it is inside this program"
 
     def now(self) -> float:
@@ -101,7 +101,7 @@ class LockstepLink(Link):
 
 
 class LockstepBus(can.BusABC):
-    """The same as a python-can bus, for programs that speak CAN themselves."""
+    """Lockstep link as a python-can bus, for programs that speak CAN themselves."""
 
     lockstep = True
 

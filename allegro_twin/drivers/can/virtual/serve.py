@@ -75,4 +75,4 @@ def _say(bus: can.BusABC, frames: Iterable[Frame | JointFrames], served: Served)
                 raise
             served.unsaid += 1  # Nobody takes them: a hand goes on without its listener.
         else:
-            served.said += 1
+            served.sent += 1

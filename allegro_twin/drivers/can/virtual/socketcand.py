@@ -160,7 +160,7 @@ class SocketcandServer(can.BusABC):
 
 
 class _Client:
-    """What one client has said so far."""
+    """State of one client's session."""
 
     def __init__(self) -> None:
         self.raw_from, self._text = math.inf, ""

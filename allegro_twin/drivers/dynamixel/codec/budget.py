@@ -32,8 +32,8 @@ class Budget(NamedTuple):
 
 
 def budget(servos: int, baud: int, return_delay: int = 0, *, limited: bool = False) -> Budget:
-    """Of a hand of so many servos. `return_delay`: as it stands in the servos, 2 µs each; `limited`: every period also
-    says how much current is allowed."""
+    """Bus budget of a hand with so many servos. `return_delay`: as it stands in the servos, 2 µs each; `limited`: every
+    period also sends the current limits."""
     out = FRAME + 4 + servos * (1 + GOAL)
     if limited:
         out += FRAME + 4 + servos * (1 + CURRENT)

@@ -22,7 +22,7 @@ _MOST = 16_383  # That a gain can be.
 
 @dataclass(frozen=True)
 class Mounting:
-    """How one servo drives its actuator. Raises ConfigError for what cannot be."""
+    """Mounting of one servo on its actuator: zero, direction, gear. Raises ConfigError for what cannot be."""
 
     id: int
     current_limit: float
@@ -118,23 +118,23 @@ class Calibration:
         return tuple(int(servo.current_limit / unit + 1e-6) for servo in self.servos)
 
     def ticks(self, position: Vector) -> list[int]:
-        """Of the actuators' positions, shape (m,), rad, to the nearest; no farther than the servos count."""
+        """Nearest ticks for positions of the actuators, shape (m,), rad; no farther than the servos count."""
         ticks = np.rint(position / self._per_tick + self._zero)
         return _whole(np.minimum(np.maximum(ticks, -FARTHEST), FARTHEST))
 
     def position(self, ticks: Array) -> Vector:
-        """Of the actuators, shape (m,), rad."""
+        """Positions of the actuators, shape (m,), rad, from ticks."""
         return (ticks - self._zero) * self._per_tick
 
     def velocity(self, counts: Array) -> Vector:
-        """Of the actuators, shape (m,), rad/s."""
+        """Velocities of the actuators, shape (m,), rad/s, from counts."""
         return counts * self._per_velocity
 
     def velocity_counts(self, velocity: Vector) -> Array:
         return np.rint(velocity / self._per_velocity)
 
     def torque(self, counts: Array) -> Vector:
-        """Of the actuators, with sign, shape (m,), N·m."""
+        """Torques of the actuators, with sign, shape (m,), N·m, from counts."""
         return counts * self._per_current
 
     def torque_counts(self, torque: Vector) -> Array:

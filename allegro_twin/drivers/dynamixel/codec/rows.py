@@ -22,8 +22,8 @@ AROUND = _FRONT.size + _CRC
 
 
 def clean(said: bytes, ids: Sequence[int], size: int) -> bytes | None:
-    """Of answers of so many bytes each those bytes, one after the other; None where anything is not as nearly always:
-    an answer of another, an error, an alert, a stuffed or a garbled one."""
+    """Data of the servos' answers, so many bytes each, one after the other; None where anything is not as nearly
+    always: an answer of another, an error, an alert, a stuffed or a garbled one."""
     if len(said) != len(ids) * (AROUND + size):
         return None
     rows = np.frombuffer(said, np.uint8).reshape(len(ids), AROUND + size)
@@ -46,7 +46,7 @@ def answers(ids: Sequence[int], data: Sequence[bytes]) -> bytes | None:
 
 
 def _crc(body: NDArray[np.uint8]) -> NDArray[np.uint16]:
-    """Of each row, low byte first as on the wire."""
+    """CRC of each row, low byte first as on the wire."""
     shares, places = _shares(body.shape[1])
     found: NDArray[np.uint16] = np.bitwise_xor.reduce(shares.take(places + body), axis=1)
     return found

@@ -52,8 +52,8 @@ class ServoDriver:
         return self._calibration.described()
 
     @property
-    def limp_words(self) -> bytes:
-        return self._sdk.limp_words()
+    def shutdown_frames(self) -> bytes:
+        return self._sdk.shutdown_frames()
 
     def find(self) -> None:
         prepare.find(self._sdk, self._calibration)

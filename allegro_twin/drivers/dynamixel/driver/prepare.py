@@ -99,8 +99,8 @@ def settle(sdk: Sdk, calibration: Calibration, return_delay: int) -> None:
 
 
 def _wanted(calibration: Calibration, return_delay: int) -> Iterator[tuple[int, dict[str, int]]]:
-    """Of each servo, in this order: a change of mode resets what follows. The current limit is the servo's own, so that
-    no command and no lost packet can ask for more."""
+    """Registers to write into each servo, in this order: a change of mode resets what follows. The current limit is the
+    servo's own, so that no command and no lost packet can ask for more."""
     for servo, most in zip(calibration.servos, calibration.current_counts, strict=True):
         gains = {} if servo.gains is None else dict(zip(_GAINS, servo.gains, strict=True))
         yield (

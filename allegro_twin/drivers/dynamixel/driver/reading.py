@@ -25,7 +25,7 @@ class Reading:
     """Asks the servos. Raises LinkTimeout, ProtocolError, LinkError, or HandFault for what a servo says of itself."""
 
     QUESTIONS = len(_ASKED)
-    """Of each servo."""
+    """Number of slow questions to each servo."""
 
     def __init__(self, sdk: Sdk, calibration: Calibration, names: dict[int, str], tries: int) -> None:
         self._sdk, self._calibration, self._names, self._tries = sdk, calibration, names, tries
@@ -42,7 +42,7 @@ class Reading:
         return [f"{number} {what} and were asked for again" for what, number in counted.items() if number]
 
     def state(self) -> Shafts:
-        """Of the actuators, all of one exchange on the bus."""
+        """State of the actuators, all of one exchange on the bus."""
         for attempt in range(self._tries):
             try:
                 said = self._sdk.ask(self._calibration.ids, self._address, _PRESENT.itemsize)
@@ -91,7 +91,7 @@ class Reading:
             raise HandFault(f"{who} has switched its motor off: it was told to, or lost its power; reset to go on")
 
     def first_temperatures(self) -> None:
-        """Of all servos at once."""
+        """Read the temperatures of all servos at once."""
         self.temperature = np.array(self._sdk.ask_item(self._calibration.ids, "present_temperature"), dtype=np.float64)
 
     def _turns(self) -> Iterator[tuple[int, str]]:

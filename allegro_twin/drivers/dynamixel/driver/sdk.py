@@ -127,7 +127,7 @@ class Sdk:
             said = self.ask(ids, item.address, item.size)
         return [item.value_of(said[k : k + item.size]) for k in range(0, len(said), item.size)]
 
-    def limp_words(self) -> bytes:
+    def shutdown_frames(self) -> bytes:
         """The bytes that switch every motor on the line off."""
         item = self._model.named["torque_enable"]
         address = item.address.to_bytes(2, "little")

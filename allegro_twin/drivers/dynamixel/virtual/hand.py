@@ -22,7 +22,8 @@ _INT16 = 32767
 
 
 class VirtualServoHand:
-    """Its time passes in `step`, its bytes through `receive`. Raises ConfigError for a hand that servos cannot move.
+    """Virtual hand of servos, whose time passes in `step`, and whose bytes pass through `receive`. Raises ConfigError
+    for a hand that servos cannot move.
 
     `shafts`: what a state says of the actuators, where a joint is not an actuator.
     """

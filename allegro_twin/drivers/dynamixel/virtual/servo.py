@@ -38,7 +38,7 @@ _MULTI_TURN = bytes((0x01, 0x44, 0x58, 0x4C, 0x22))
 
 
 class Wants(NamedTuple):
-    """What a servo's firmware tries to do with its shaft."""
+    """Targets of a servo's firmware for its shaft."""
 
     goal: int
     """Tick of the shaft."""
@@ -64,7 +64,7 @@ class Servo:
         self._silent = self._time = 0.0
         self._shaft = self._turns = 0
         self._sign, self._offset = 1, 0
-        """Of its ticks to the shaft's: Drive Mode, Homing Offset and turns that were forgotten."""
+        """Map from its ticks to the shaft's: Drive Mode, Homing Offset and turns that were forgotten."""
 
     @property
     def return_delay(self) -> int:

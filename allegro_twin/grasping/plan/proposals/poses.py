@@ -23,8 +23,8 @@ SIDE, LOW, HIGH = 0.030, -0.030, 0.060
 VARIED = 0.5
 """Share of that box, about the place between fingertips, where a pre-shape has one."""
 AWRY = np.radians(7.0)
-FROM_ABOVE, ALIGNED, TAKEN = 0.3, 0.65, 0.85
-"""Shares of palms that look down whatever the surface, of rolls along an axis, and of pre-shapes from the library."""
+FROM_ABOVE, ALIGNED = 0.3, 0.65
+"""Shares of palms that look down whatever the surface, and of rolls along an axis."""
 NOISE = 0.05  # rad.
 
 

@@ -21,7 +21,7 @@ PostureAt: TypeAlias = Callable[[float], PostureRates]
 
 
 class CurveParameter(NamedTuple):
-    """How the angle depends on τ, rad."""
+    """Dependence of the angle on τ, rad."""
 
     middle: float
     half: float

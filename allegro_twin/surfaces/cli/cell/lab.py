@@ -126,12 +126,12 @@ def lab(
     for line in outcome_lines(report):
         console.print(line, highlight=False, soft_wrap=True)
     if unwritten:
-        options.end_unwritten(unwritten, _CODES[report.end.word])
+        options.end_unwritten(unwritten, _CODES[report.end.kind])
     if out is not None:
         say(f"In {out}/: pictures, and all of it in lab.arrow")
     elif not (view or web or ros):
         hint("Next: --out FOLDER keeps pictures and a recording; --view shows it live")
-    raise typer.Exit(_CODES[report.end.word])
+    raise typer.Exit(_CODES[report.end.kind])
 
 
 def _objects(

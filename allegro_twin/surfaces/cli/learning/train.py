@@ -88,7 +88,7 @@ def train(
 
 
 class _Kept:
-    """What is kept of a training that somebody interrupts."""
+    """Message on the state of a training that somebody interrupts."""
 
     def __init__(self, folder: Path, recipe: Recipe) -> None:
         self._folder, self._recipe = folder, recipe
@@ -97,7 +97,7 @@ class _Kept:
         """Whether the training has ended, and only its evaluation is missing."""
 
     def __call__(self, steps: int) -> None:
-        """Of the newest checkpoint."""
+        """Note the steps of the newest checkpoint."""
         self._steps = steps
 
     def line(self) -> str:

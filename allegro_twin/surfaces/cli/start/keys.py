@@ -22,7 +22,7 @@ class Key:
 
 
 def _posture(name: str) -> Callable[[Hand], object]:
-    return lambda hand: hand.move_to(name, wait=False)
+    return lambda hand: hand.move_to(name, hand.direct.usual_speed(1.0), wait=False)
 
 
 def _grasp(name: str) -> Callable[[Hand], object]:

@@ -156,7 +156,7 @@ def _run(targets: list[str], chosen: RunOptions, outputs: Outputs, out: Path | N
 
 @dataclass(slots=True)
 class _Verdicts:
-    """What the runs that have ended came to."""
+    """Verdicts of the runs that have ended."""
 
     reports: dict[tuple[str, str], TrialReport] = field(default_factory=dict)
     grasps: dict[str, str] = field(default_factory=dict)

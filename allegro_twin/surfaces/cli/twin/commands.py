@@ -129,7 +129,7 @@ def identify(
         console.say(f"Report: {report}")
     if path is not None:
         console.warn(identification.store_values(path, found))
-        if not found.written.nothing:
+        if not found.written.is_nominal:
             console.warn(identification.gain_lines(recordings[0], path))
             block = block_with_file(path, found.motions[0].spec.side)
             console.say(f"Written into {path}; use it with `{block}`")

@@ -132,7 +132,7 @@ def table(found: Identification) -> Table:
         made.add_row(_name(spec, joint), *cells, f"{found.fit.spread.residual[joint]:.1f}")
     late = found.values["delay"]
     made.caption = (
-        f"delay {1000 * late.value[0]:.2f} ± {1000 * late.half[0]:.2f} ms; {found.fit.pieces} pieces of 0.3 s; noise "
+        f"delay {1000 * late.value[0]:.2f} ± {1000 * late.half[0]:.2f} ms; {found.fit.segments} pieces of 0.3 s; noise "
         f"{1e6 * np.median(found.fit.floor):.0f} µrad"
     )
     if found.fit.bristly:

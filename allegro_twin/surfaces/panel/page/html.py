@@ -54,7 +54,7 @@ def _ordered(spec: HandSpec, joints: list[int]) -> tuple[int, ...]:
 
 
 def units(spec: HandSpec) -> str:
-    """Of positions: where motors move joints through tendons or linkages they are the motors' own."""
+    """Unit of positions; where motors move joints through tendons or linkages, of the motors' positions."""
     return "of the motor" if spec.followers else "rad"
 
 

@@ -21,11 +21,11 @@ _PAUSE = 6
 _SAME = 1e-3  # m, and of a quaternion.
 _RING = 0.09  # m: how wide the rings are that turn a goal.
 _SAME_TURN, _SAME_ANGLE = 1e-7, 0.1
-"""Of the cosine of half an angle, 0.05°; and degrees."""
+"""Tolerances of equal orientations: of the cosine of half an angle, 0.05°; and of an angle, degrees."""
 
 
 class PalmMarker:
-    """It goes back to the palm's goal where a request was refused."""
+    """Handle of the palm's goal; it returns to the goal where a request was refused."""
 
     def __init__(self, browser: Browser) -> None:
         self._browser, self._left_alone = browser, 0

@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     import viser
 
 SECONDS = 60.0
-"""Of the session's clock that are kept."""
+"""Seconds of the session's clock that are kept."""
 
 
 class ControlLock:
-    """Who drives: one browser, and never two. The first drives. Who leaves lets go; then nobody drives until somebody
-    takes over or, alone, comes back. Any thread may ask."""
+    """Lock of control: one browser drives, and never two. The first drives. Who leaves lets go; then nobody drives
+    until somebody takes over or, alone, comes back. Any thread may ask."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -118,7 +118,7 @@ class FrameHistory:
 
 
 class PageState:
-    """What every browser's page shows. `send` passes requests on to the session."""
+    """State of every browser's page. `send` passes requests on to the session."""
 
     def __init__(self, send: Callable[[Request], None]) -> None:
         self._send = send
@@ -205,7 +205,7 @@ class Browser:
 
     @property
     def info(self) -> SessionInfo:
-        """Of the session, which is open whenever there are sections."""
+        """Information on the session, which is open whenever there are sections."""
         assert self.state.info is not None
         return self.state.info
 

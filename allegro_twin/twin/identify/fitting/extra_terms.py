@@ -45,7 +45,8 @@ INDEPENDENT = 5.0
 FEWEST = 20.0
 """Rows of its own that a joint needs: one that hardly moved says nothing."""
 PERIODS = np.arange(5.0, 121.0, 1.0)
-"""Of cogging in a turn, that are tried: with fewer a joint that moves by a radian shows no more than an offset."""
+"""Periods of cogging in a turn that are tried: with fewer a joint that moves by a radian shows no more than an
+offset."""
 _LOOSE = 1e-6  # Of a lean about gravity itself, which nothing shows.
 ALIKE = 10.0
 """By which the number of periods that suits all joints together counts more: motors of a hand are of one kind."""
@@ -71,7 +72,7 @@ _TRIED = {"cogging": tuple(PERIODS.tolist()), "ripple": tuple(PERIODS.tolist()),
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExtraTerms:
-    """Which joints have which terms, and their values in the regression, (n,) each."""
+    """Terms of each joint, and their values in the regression, (n,) each."""
 
     values: Mapping[str, Vector]
     """By the names of EXTRA and FIXED, as in `DriveParameters`."""
@@ -224,7 +225,7 @@ class _Joint:
 
 
 def _family(key: str) -> str:
-    """Of a term: `cogging` of `cogging:7`."""
+    """Family of a term: `cogging` for `cogging:7`."""
     return key.partition(":")[0]
 
 
@@ -293,7 +294,7 @@ def _middle(spec: HandSpec) -> Vector:
 
 
 def _agree(joints: Sequence[_Joint]) -> None:
-    """Of the numbers of cogging periods, and of the times of warming up, prefer the one that suits all joints best."""
+    """Prefer the number of cogging periods, and the warm-up time, that suits all joints best."""
     total = {f"{family}:{count:g}": 0.0 for family, counts in _TRIED.items() for count in counts}
     for each in joints:
         for key, gain in each.gains.items():

@@ -113,7 +113,7 @@ class DriveFit:
     floor: Vector
     """Noise of the reported positions, (n,), rad."""
     masses: Masses
-    pieces: int
+    segments: int
     bristly: bool
     """Friction breaks away; otherwise it is Coulomb's."""
     loose: bool
@@ -286,7 +286,7 @@ def _vagueness(away: Vector, rises: Vector) -> float:
 
 
 def _at_other_delays(problem: Problem, drive: DriveParameters) -> list[DriveParameters]:
-    """The same lag behind slow commands; of an armature at least half is left."""
+    """Drives with other delays and the same lag behind slow commands; at least half of an armature is left."""
     found, longest = [], BEFORE * problem.motions[0].period
     for delay in np.clip(drive.delay[0] + np.array(OTHER_DELAYS), 0.0, longest):
         armature = drive.armature - (delay - drive.delay) * drive.damping

@@ -34,7 +34,7 @@ class DescentResult(NamedTuple):
 
     drive: DriveParameters
     jacobian: Array
-    """Of the residuals, (rows, p), where the last steps began, times `weight`."""
+    """Jacobian of the residuals, (rows, p), where the last steps began, times `weight`."""
     residuals: Vector
     """Without weights, (rows,)."""
     weight: Vector

@@ -92,7 +92,7 @@ class Problem:
         self.known = self._prior_rows(np.ones(self.n))
         """What was known before, as rows of residuals in standard deviations."""
         self.prior = self.known
-        """The same, as what it counts beside the data."""
+        """Rows of `known` with the weight that they have beside the data."""
         if doubt is not None:
             self.prior = self._prior_rows(np.where(doubt > 1.0, doubt * np.sqrt(self.shooting.moments), 1.0))
 

@@ -89,7 +89,7 @@ class MotionSegments:
     """Where each starts, as reported and smoothed, (w, n), rad."""
     velocity: Array
     """(w, n), rad/s."""
-    pieces: Segments
+    segments: Segments
     measured: Array
     """(w, k, n), rad."""
     trust: Array
@@ -247,7 +247,7 @@ class Shooting:
 
     def _play(self, drive: DriveParameters, off: Array, player: OpenLoopPlayer | None) -> Array:
         cuts = self._cuts
-        played, pieces = (player or self._player).play, cuts.pieces
+        played, pieces = (player or self._player).play, cuts.segments
         if len(drive.tilt):
             pieces = pieces._replace(gravity=rotate_vector(pieces.gravity, drive.tilt[cuts.recording]))
         return played(drive, cuts.position + off[0], cuts.velocity + off[1], pieces, off[2])

@@ -33,7 +33,7 @@ class Spread:
     mass: Array
     """Derivative by the masses of the links, as factors, (p, n); zero where they are known or found."""
     correlation: Array
-    """Of the data alone, in scaled parameters, (p, p)."""
+    """Correlation from the data alone, in scaled parameters, (p, p)."""
     residual: Vector
     """Root mean square of each joint's residuals in standard deviations of the noise, (n,)."""
 

@@ -179,7 +179,7 @@ class Rehearsal(NamedTuple):
 
     excitation: Excitation
     speed: Array
-    """Of each joint at the end of every period, (k, n), rad/s."""
+    """Speed of each joint at the end of every period, (k, n), rad/s."""
 
 
 def rehearse(spec: HandSpec, pose: ExcitationPose, seed: int, seconds: float) -> Rehearsal:

@@ -91,7 +91,7 @@ def describe_terms(
 
 
 def _describe_breakaway(values: Mapping[str, IdentifiedValue], labels: tuple[str, ...]) -> str:
-    """Of both that LuGre's friction adds, what is sure."""
+    """Sentence on the certain part of what LuGre friction adds: breakaway and load friction."""
     said = []
     if (has := _notable(values, "stiction", labels, none=1.0)).any():
         said.append(f"it is larger at rest, by {_up_to(100.0 * (values['stiction'].value - 1.0), has, labels, '%')}")
@@ -135,7 +135,7 @@ def _counts(periods: Vector) -> str:
 
 
 def _describe_lean(tilt: Array, motions: Sequence[RecordedMotion], written: WrittenDrive) -> str:
-    """Of what shows: a turn about gravity itself does not."""
+    """Sentence on the palm's lean; a turn about gravity itself does not show."""
     said = np.array([motion.gravity / np.linalg.norm(motion.gravity) for motion in motions])
     each, common = rotate_vector(said, tilt), rotate_vector(said, np.tile(tilt.mean(axis=0), (len(tilt), 1)))
     lean = np.degrees(np.arccos(np.clip((said * each).sum(axis=1), -1.0, 1.0)))
@@ -179,7 +179,7 @@ def describe_prediction(written: WrittenDrive) -> str:
         f"{rms['nominal']:.1f} mrad, written {rms['written']:.1f}, determined values alone {rms['determined']:.1f}, "
         f"all values {rms['all']:.1f}."
     )
-    if written.nothing:
+    if written.is_nominal:
         return f"{text} Nominal is best: nothing is to be written."
     nominal = written.source.count("nominal")
     return f"{text} Of {nominal} joint{'s' * (nominal > 1)} nominal is best, and stays." if nominal else text
@@ -187,7 +187,7 @@ def describe_prediction(written: WrittenDrive) -> str:
 
 def describe_worse(written: WrittenDrive, spec: HandSpec) -> str:
     """Which joints what is written predicts worse than the nominal hand; empty where it does none."""
-    if not written.errors or written.nothing:
+    if not written.errors or written.is_nominal:
         return ""
     now, nominal = written.errors["written"], written.errors["nominal"]
     worse = np.flatnonzero(now > nominal / BETTER)

@@ -18,7 +18,7 @@ from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.types import Array, Vector
 
 HORIZONS = (0.1, 0.3, 1.0, 5.0)
-"""s"""
+"""Times in open loop after which the error is given, s."""
 STARTS = 1.0  # s between two starts, at most.
 PHASES = ("creeping", "moving")
 SMALLEST = 2e-4
@@ -129,8 +129,8 @@ def find_lean(motion: RecordedMotion, player: OpenLoopPlayer, drive: DriveParame
     weights = piece_weights(cuts, player.spec)[:, None, :]
 
     def wrong(angle: Vector) -> Vector:
-        gravity = rotate_vector(leaning(cuts.pieces.gravity, drive), np.tile(angle, (len(cuts.position), 1)))
-        played = player.play(drive, cuts.position, cuts.velocity, cuts.pieces._replace(gravity=gravity))
+        gravity = rotate_vector(leaning(cuts.segments.gravity, drive), np.tile(angle, (len(cuts.position), 1)))
+        played = player.play(drive, cuts.position, cuts.velocity, cuts.segments._replace(gravity=gravity))
         return np.asarray((weights * (played - cuts.measured)).ravel())
 
     for _ in range(LEAN_STEPS):
@@ -153,7 +153,7 @@ def gap_errors(
     for horizon in horizons:
         length = round(horizon / motion.period)
         cuts = cut_segments([motion], player.spec, length, max(round(min(horizon, STARTS) / motion.period), 1))
-        pieces = cuts.pieces._replace(gravity=leaning(cuts.pieces.gravity, drive))
+        pieces = cuts.segments._replace(gravity=leaning(cuts.segments.gravity, drive))
         error = player.play(drive, cuts.position, cuts.velocity, pieces) - cuts.measured
         rows.append(_rms(error, piece_weights(cuts, player.spec)))
         if horizon == HORIZONS[1]:

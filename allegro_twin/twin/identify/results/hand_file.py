@@ -142,7 +142,7 @@ def _blocks(
     first, kept = motions[0], _kept_offsets(path, content, motions[0])
     spec, drive, doubted = first.spec, dict(content.get("drive") or {}), unwritten(values)
     chosen = drive_to_write(path, content, found, values, motions)
-    if chosen.nothing:
+    if chosen.is_nominal:
         return {}
     own, source = chosen.drive, np.array(chosen.source)
     drive.pop("strength", None)
@@ -210,7 +210,7 @@ def _basis(
 
 
 def _correlations(found: DriveFit, values: Mapping[str, IdentifiedValue], spec: HandSpec) -> dict[str, Any]:
-    """Of each joint's values with each other: what is below the diagonal, row by row."""
+    """Correlations of each joint's values with each other: the lower triangle, row by row."""
     names = [name for name, value in values.items() if len(value.value) == spec.n_joints]
     below = np.tril_indices(len(names), -1)
     matrices = value_correlations(found, names)

@@ -105,7 +105,7 @@ class IdentifiedValue(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class MotionCoverage:
-    """What the recordings show of every joint."""
+    """Coverage of the recordings: how far and how fast each joint moved."""
 
     seconds: Vector
     """Trusted motion, (n,)."""

@@ -55,11 +55,11 @@ _TOGETHER = ("stiction", "stribeck_speed", "bristle")
 
 
 class WrittenDrive(NamedTuple):
-    """What goes into a hand's file, and why."""
+    """Drive for a hand's file, and its source for each joint."""
 
     drive: DriveParameters
     source: tuple[Source, ...]
-    """Of each joint."""
+    """Source of each joint's values."""
     errors: Mapping[str, Vector]
     """Open-loop error on what the fit has not seen, with each candidate and as `written`: rms of each joint, (n,), rad;
     nothing where the motions are too short."""
@@ -70,7 +70,7 @@ class WrittenDrive(NamedTuple):
     predicted as well with them, or better."""
 
     @property
-    def nothing(self) -> bool:
+    def is_nominal(self) -> bool:
         """Whether the nominal drive is the best of every joint."""
         return set(self.source) == {"nominal"}
 
@@ -157,7 +157,7 @@ class _Trial:
         """Root mean square of each joint over the pieces that can be trusted, (n,), rad."""
         assert self._cuts is not None
         cuts = self._cuts
-        pieces = cuts.pieces._replace(gravity=leaning(cuts.pieces.gravity, drive))
+        pieces = cuts.segments._replace(gravity=leaning(cuts.segments.gravity, drive))
         wrong = self._player.play(drive, cuts.position, cuts.velocity, pieces) - cuts.measured
         return np.asarray(np.sqrt(np.average(np.square(wrong).mean(axis=1), axis=0, weights=self._weight)))
 

@@ -24,7 +24,7 @@ class Orders(NamedTuple):
     """Its process id."""
     memory: int
     """Descriptor of the shared memory."""
-    way: dict[str, Any]
+    address: dict[str, Any]
     """`kind` of the way to the hand (socketcan, slcan, socketcand or bytes), and what it takes."""
     limp: list[tuple[int, str, bool]]
     """Frames that leave the hand limp: identifiers, data in hexadecimal, whether remote. None for `bytes`, a way that

@@ -166,7 +166,7 @@ Bus = SocketcanSocket | SlcanPort | SocketcandClient
 
 def connect(orders: Orders) -> Bus | SerialBytes:
     """The way to the hand. Raises OSError."""
-    way = dict(orders.way)
+    way = dict(orders.address)
     match way.pop("kind"):
         case "bytes":
             return SerialBytes(**way)

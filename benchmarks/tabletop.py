@@ -1,4 +1,4 @@
-"""Things on a table and no hand: what a camera is tried with."""
+"""Things on a table and no hand: what a camera is tried with, here and in tests."""
 
 from __future__ import annotations
 
