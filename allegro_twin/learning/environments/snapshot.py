@@ -18,7 +18,7 @@ from allegro_twin.learning.tasks.task_memory import release, restore_task, save_
 
 _BEGUN, _MEMORY = "begun", "task memory"
 """Parts of a snapshot besides arrays: whether there was a reset, and what a user's task keeps besides its arrays."""
-_WORLDS = "worlds/"
+_WORLDS = "engine/worlds/"
 """Before the paths of the simulations' own arrays."""
 
 
@@ -145,13 +145,18 @@ def spread_snapshot(env: Environment, content: Mapping[str, Any]) -> None:
     settings. What a user's task keeps not by simulation is common to all."""
     engine = env.engine
     unused = _expand_fields(engine, _arrays(content))
-    _write(engine, engine.live_arrays, content, engine.n)
+    _write(engine, lambda: _engine_arrays(engine), content, engine.n)
     engine.worlds.reset_fields(unused)
 
 
 def _live_arrays(env: Environment) -> dict[str, NDArray[Any]]:
     """Live arrays of the engine, and of the environment itself."""
-    return env.engine.live_arrays() | {f"environment/{name}": array for name, array in env.live_arrays().items()}
+    own = {f"environment/{name}": array for name, array in env.live_arrays().items()}
+    return _engine_arrays(env.engine) | own
+
+
+def _engine_arrays(engine: EpisodeEngine) -> dict[str, NDArray[Any]]:
+    return {f"engine/{path}": array for path, array in engine.live_arrays().items()}
 
 
 def _arrays(content: Mapping[str, Any]) -> dict[str, NDArray[Any]]:

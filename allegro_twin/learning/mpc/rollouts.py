@@ -60,7 +60,7 @@ class Rollouts:
         interface = self.engine.task.interface
         if interface.mode != "delta":
             raise ConfigError(f"{self._place}back is for control delta, not {interface.mode}: leave it out")
-        end = state.parts["memory/end"][0]
+        end = state.parts["engine/memory/end"][0]
         most = decisions * interface.step * radian_scale(interface.spec)
         action: Array = np.clip((self._home - end) / most, -1.0, 1.0)
         return action
