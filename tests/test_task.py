@@ -15,6 +15,7 @@ from allegro_twin.app.session import Outputs
 from allegro_twin.control.force_grasp import CentroidGrasp
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
+from allegro_twin.grasping.batch.trials import run_cases
 from allegro_twin.grasping.verdict import TrialReport
 from allegro_twin.loop import run, to_the_end, until
 from allegro_twin.surfaces.cli.start.jobs import RunOptions as Options
@@ -102,6 +103,45 @@ def test_what_nobody_would_read_is_refused(text: str, line: str, tmp_path: Path)
     with pytest.raises(ConfigError, match=line) as caught:
         load_config(path)
     assert "\n" not in str(caught.value)
+
+
+LEMON = data_root() / "scenarios" / "demo" / "lemon.yaml"
+
+
+def of_side(folder: Path, side: str) -> Path:
+    """The lemon's scenario, with its side said."""
+    path = folder / f"lemon_{side}.yaml"
+    path.write_text(f"side: {side}\n{LEMON.read_text()}")
+    return path
+
+
+def test_a_scenario_that_says_its_side_decides_where_the_config_says_none(tmp_path: Path) -> None:
+    left = of_side(tmp_path, "left")
+    for backend in (SIM, VIRTUAL):
+        assert load_config(written(tmp_path, backend, f"{{scenario: {left}}}")).hand.side == "left"
+    (job,) = configs_of([str(left)], Options(config="can_virtual"))
+    assert job.config.hand.side == "left"
+    (job,) = configs_of([str(left)], Options(config="can_virtual", side="right"))
+    assert job.config.hand.side == "right"
+    episode = f"{{episode: {{task: Grasp, environment: {{objects: [{left}]}}}}}}"
+    assert load_config(written(tmp_path, SIM, episode)).hand.side == "left"
+    assert load_config(written(tmp_path, SIM, "{scenario: lemon}")).hand.side == "right"
+
+
+def test_a_config_and_a_scenario_of_two_sides_are_refused_with_both_names(tmp_path: Path) -> None:
+    right, own = of_side(tmp_path, "right"), tmp_path / "own.yaml"
+    own.write_text(f"hand: {{side: left}}\nbackend: {SIM}\ncontroller: {{kind: pd}}\ntask: {{scenario: {right}}}\n")
+    with pytest.raises(ConfigError, match=r"lemon_right.yaml is for the right hand .*own.yaml has the left one"):
+        load_config(own)
+    with pytest.raises(ConfigError, match=r"lemon_right.yaml is for the right hand .* sim_left has the left one"):
+        configs_of([str(right)], Options(config="sim_left"))
+
+
+def test_an_item_of_a_sweep_is_of_the_side_that_its_scenario_says(tmp_path: Path) -> None:
+    protocol = tmp_path / "short.yaml"
+    protocol.write_text("version: 1\nreference: a\nphases: [{name: a, seconds: 0.1}, {name: b, seconds: 0.1}]\n")
+    (row,) = run_cases({}, [{"scenario": str(of_side(tmp_path, "left")), "protocol": str(protocol)}])
+    assert row["side"] == "left"
 
 
 def test_a_force_grasp_refuses_a_controller_that_it_would_not_use(tmp_path: Path) -> None:

@@ -14,9 +14,17 @@ from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.drivers.dynamixel.config import DynamixelSettings
 from allegro_twin.drivers.qb.config import QbSettings
 from allegro_twin.drivers.schunk.config import SchunkSettings
+from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import find_file, read_yaml
 from allegro_twin.files.schema import Positive, Settings, parse_settings
-from allegro_twin.hands.settings import HandSettings, LimitSettings, TaskSettings
+from allegro_twin.hands.settings import (
+    HandSettings,
+    LimitSettings,
+    TaskSettings,
+    scenario_files,
+    scenario_side,
+    with_card_side,
+)
 from allegro_twin.plugins import BACKENDS, CONTROLLERS
 from allegro_twin.recording.settings import ReplaySettings
 from allegro_twin.sim.settings import SimSettings
@@ -42,6 +50,16 @@ class RunConfig(Settings):
     seconds: Positive | None = None
     """How long to run; default: until the scenario, the motion or the recording ends."""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _of_scenario(cls, values: Any) -> Any:
+        """The side of the scenario, where the hand leaves it open."""
+        if not isinstance(values, Mapping):
+            return values
+        hand = _block(values.get("hand"))
+        side = None if hand is None or "side" in with_card_side(hand, "model") else scenario_side(_scenarios(values))
+        return values if hand is None or side is None else {**values, "hand": {**hand, "side": side}}
+
     @model_validator(mode="after")
     def _everything_is_read(self) -> RunConfig:
         line = contradiction(self.task, self.controller, self.backend)
@@ -58,6 +76,20 @@ class RunConfig(Settings):
         return parse_settings(RunConfig, content, "config")
 
 
+def _block(block: Any) -> Mapping[str, Any] | None:
+    """A block of a config as its keys; None for what is none."""
+    given = block.model_dump(exclude_unset=True) if isinstance(block, Settings) else {} if block is None else block
+    return given if isinstance(given, Mapping) else None
+
+
+def _scenarios(values: Mapping[str, Any]) -> tuple[Any, ...]:
+    """The scenarios that a config's task names: its own, or among the objects of its episode."""
+    task = _block(values.get("task")) or {}
+    environment = (_block(task.get("episode")) or {}).get("environment")
+    objects = environment.get("objects") if isinstance(environment, Mapping) else None
+    return (task.get("scenario"), *scenario_files(objects))
+
+
 def load_config(name: str | Path) -> RunConfig:
     """A config by path, or by its name in conf/; a hand's card and own file are looked for beside it, then where the
     process runs. Raises ConfigError with file, path, value and nearest key."""
@@ -70,4 +102,16 @@ def load_config(name: str | Path) -> RunConfig:
             if beside.suffix == ".yaml" and beside.is_file():
                 hand = {**hand, key: str(beside)}
                 content = content | {"hand": hand}
-    return parse_settings(RunConfig, content, str(path))
+    config = parse_settings(RunConfig, content, str(path))
+    check_scenario_side(config, config.task.scenario, str(path))
+    return config
+
+
+def check_scenario_side(config: RunConfig, scenario: str | Path | None, name: str) -> None:
+    """Raises ConfigError for a scenario that says another side than the config of that name."""
+    side = None if scenario is None else scenario_side([scenario])
+    if side is not None and side != config.hand.side:
+        raise ConfigError(
+            f"{scenario} is for the {side} hand (its `side`), and {name} has the {config.hand.side} one (hand.side): "
+            "leave one of them out, or take a config of that hand"
+        )

@@ -129,6 +129,7 @@ def perform(
             rig.backend.close()  # What follows takes its time, and nobody would drive the hand.
             report = rig.trial.report() if rig.trial is not None else None
             _concluded(viewers, report, rig.spec.thermal)
+            notes += rig.trial.remarks() if rig.trial is not None and report is not None and report.held else []
             notes += rig.device.warnings()
             notes += [] if planner is None else [planner.report(last.t)]
             notes += _became_of(rig)

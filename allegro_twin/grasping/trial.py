@@ -33,10 +33,14 @@ from allegro_twin.sim.contact.probe import ObjectProbe
 from allegro_twin.sim.engine.backend import Push, SimBackend
 from allegro_twin.sim.model.appearance import scene_appearance
 from allegro_twin.sim.model.compiled_scenes import CompiledScenes
-from allegro_twin.sim.model.wrist import wrist_load, wrist_set_points
+from allegro_twin.sim.model.wrist import STIFF_WRIST, wrist_load, wrist_set_points
 from allegro_twin.sim.objects.catalogue import PlacedObject
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, HandState, Sample, Vector
+
+PRESSED, PRESSED_WEIGHTS = 20.0, 3.0
+"""N, and weights of the object, from which on a hand that presses on object and table is told so: those of the package
+press with up to 17 N."""
 
 
 class Trial:
@@ -73,6 +77,8 @@ class Trial:
         self.windows: tuple[PhaseWindow, ...] = timeline.windows
         self.reference: Moves = timeline.reference
         self.seconds = timeline.seconds
+        before = zip(timeline.segments, self.windows, strict=True)
+        self._told = sum(float(segment.move[2]) for segment, window in before if window.end <= self.begin + 1e-9)
         model = (scenes or CompiledScenes(spec)).model(scene)
         if draw is None and len(scene.things) > 1:
             check_objects_apart(model, [each.thing.name for each in scene.things])
@@ -95,6 +101,9 @@ class Trial:
         self.rule = Rule(self.protocol.reference, limits.drift, limits.rotation, float(lift), limits.throughout)
         self._weight, self._push = self.mass * float(np.linalg.norm(physics.gravity)), float(np.abs(push.force).max())
         self._rows: list[tuple[float, Vector, Mapping[str, Array]]] = []
+        self.pressing = float("nan")
+        """With how much the hand presses on object and table when the reference ends, N; NaN before the verdict, and
+        without a table."""
 
     @property
     def mass(self) -> float:
@@ -106,6 +115,16 @@ class Trial:
         friction = self.scenario.friction * self.protocol.physics.friction
         said = weight_warning(self._weight, self.grasp, self.backend.spec, friction)
         return [line for line in (said, skew_warning(self.scenario.wrist)) if line is not None]
+
+    def remarks(self) -> list[str]:
+        """What the verdict does not weigh and a person should know; empty before the verdict. Part of the reason of
+        what is not held."""
+        if not (self.pressing > PRESSED and self.pressing > PRESSED_WEIGHTS * self._weight):
+            return []
+        return [
+            f"at the end of {self.protocol.reference} the hand presses on object and table with {self.pressing:.0f} N "
+            f"(the object weighs {self._weight:.1f} N): raise wrist.position"
+        ]
 
     @property
     def typed(self) -> bool:
@@ -210,7 +229,16 @@ class Trial:
             parts=self._probe.parts, joints=spec.joint_labels, torque_limit=spec.actuation.torque_limit,
         )  # fmt: skip
         report = replace(report, observed=self.observed_type())
+        self.pressing = self._pressing(seen)
         return report if report.held else replace(report, reason="; ".join([report.reason, *self._loads(seen)]))
+
+    def _pressing(self, seen: Observations) -> float:
+        """By how much the palm is above where the wrist is told to be, times the wrist's stiffness, N."""
+        if self.protocol.floating:
+            return float("nan")
+        start, end = (int(np.searchsorted(seen.t, t + 1e-9, side="right")) - 1 for t in (0.0, self.begin))
+        up = float(seen.palm[end, 2] - seen.palm[start, 2])
+        return float(STIFF_WRIST.stiffness[2]) * (up - self._told)
 
     def _loads(self, seen: Observations) -> list[str]:
         """What the hand had to carry, and which joints had no more to give up to the first check."""
@@ -221,6 +249,7 @@ class Trial:
         full = [name for name, part in zip(self.backend.spec.joint_labels, share, strict=True) if part > 0.5]
         loads = [("it weighs", self._weight), ("it is pushed with", self._push)]
         said = [f"{what} {newtons:.1f} N" for what, newtons in loads if newtons > 0.0]
+        said += self.remarks()
         return [*said, f"{', '.join(full)} at their torque limit"] if full else said
 
     def meta(self) -> dict[str, object]:

@@ -40,7 +40,7 @@ class Rule:
     rotation: float
     """Largest rotation in the palm's frame, degrees."""
     lift: float = 0.0
-    """How high the wrist lifts it, m: it must rise with it, but for `drift`."""
+    """How high the wrist is told to lift it, m: it must rise so far, but for `drift`."""
     throughout: bool = False
     """The limits hold during the whole of a phase that checks, not only at its end."""
 
@@ -155,8 +155,9 @@ def judge(
     torque_limit: Vector,
 ) -> TrialReport:
     """Held means: at the end of every phase that checks, the object has moved no more than the rule's `drift` and
-    `rotation` in the palm's frame since the end of the reference phase, is off the table and touches the hand; and it
-    rose as the wrist did. `torque_limit`: (n,), N·m; inf where it is unknown."""
+    `rotation` in the palm's frame since the end of the reference phase, is off the table and touches the hand; and by
+    the first of them it rose as far as the rule's `lift`, but for `drift`. `torque_limit`: (n,), N·m; inf
+    where it is unknown."""
     start = _last(seen.t, next(w.end for w in windows if w.name == rule.reference))
     position, angle = relative_motion(seen.palm, seen.thing, start)
     phases = []
@@ -172,6 +173,9 @@ def judge(
     )
     if not reason and rise < rule.lift - rule.drift:
         reason = f"rose {rise * 1000:.0f} mm of {rule.lift * 1000:.0f} mm"
+        palm = float(seen.palm[_last(seen.t, checks[0].end), 2] - seen.palm[start, 2])
+        if palm < rule.lift - rule.drift:
+            reason += f", as the palm did ({palm * 1000:.0f} mm): it was pushed up before the lift, or held down in it"
     known = np.where(np.isfinite(torque_limit), 1.0, np.nan)
     used = np.abs(seen.torque) / torque_limit * known
     after = used[start + 1 :] if start + 1 < len(used) else np.zeros((1, len(joints))) * known

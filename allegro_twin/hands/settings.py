@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
+from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, model_validator
 
 from allegro_twin.control.trajectory import FASTEST
 from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import find_file, read_yaml
 from allegro_twin.files.schema import PerJoint, Settings
 from allegro_twin.hands.description.specs import card_side, hand_side
-from allegro_twin.spec import Side
+from allegro_twin.spec import SIDES, Side
 
 
 def _rad_per_second(limit: PerJoint) -> PerJoint:
@@ -35,11 +37,32 @@ def with_card_side(values: Any, key: str) -> Any:
     return values if side is None else {**values, "side": side}
 
 
+def scenario_side(scenarios: Iterable[Any]) -> Side | None:
+    """The side that scenarios, by name or path, say themselves; None: it is left to the hand. Raises ValueError for
+    scenarios of both."""
+    said: dict[Side, str] = {}
+    for name in scenarios:
+        if not isinstance(name, str | Path):
+            continue
+        with suppress(ConfigError):  # Whoever reads the whole scenario says what is wrong with it.
+            side = read_yaml(find_file(name, "scenario", "scenarios", below=True)).get("side")
+            said |= {each: str(name) for each in SIDES if each == side}
+    if len(said) > 1:
+        raise ValueError(f"{said['right']} is for the right hand, {said['left']} for the left one: take those of one")
+    return next(iter(said), None)
+
+
+def scenario_files(objects: Any) -> tuple[str, ...]:
+    """The scenarios among the objects of an environment."""
+    given = objects if isinstance(objects, list | tuple) else ()
+    return tuple(each for each in given if isinstance(each, str) and Path(each).suffix in (".yaml", ".yml"))
+
+
 class HandSettings(Settings):
     model: str = "allegro"
     """Model of hand, or of arm."""
     side: Side = "right"
-    """Default: that of the hand's card or own file; of a hand without one, right."""
+    """Default: that of the hand's card or own file, else of the task's scenario; where none says one, right."""
     serial: str = ""
     """File in conf/hands with what was measured on this very hand."""
 
@@ -64,7 +87,8 @@ class TaskSettings(Settings):
     """A scenario, or a grasp in the open, or a posture; without any a position controller goes `home`."""
 
     scenario: str | None = None
-    """Name or path: what lies where, how the wrist moves, which grasp. A simulated or virtual hand stands in its scene;
+    """Name or path: what lies where, how the wrist moves, which grasp, and, where `hand` leaves it open, of which side
+    the hand is. A simulated or virtual hand stands in its scene;
     any other follows its timeline with the fingers."""
     grasp: str | None = None
     """With a scenario: another grasp than the one it names. Without: close this one where the hand is. For a policy

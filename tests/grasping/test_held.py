@@ -207,7 +207,8 @@ def test_an_object_that_still_touches_the_table_is_not_held() -> None:
 def test_an_object_that_did_not_rise_is_not_held() -> None:
     seen = observations()
     seen.palm[:, 2] = seen.thing[:, 2] = 0.0
-    assert verdict(seen).reason == "rose 0 mm of 150 mm"
+    why = "rose 0 mm of 150 mm, as the palm did (0 mm): it was pushed up before the lift, or held down in it"
+    assert verdict(seen).reason == why
 
 
 @pytest.mark.parametrize(("share", "held"), [(0.94, True), (0.92, False)])

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from allegro_twin.app import assemble, scenario_config
+from allegro_twin.app.config import RunConfig
 from allegro_twin.app.controller_settings import PositionSettings
+from allegro_twin.app.session import Outputs, perform
 from allegro_twin.errors import HandError
 from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.scenario import load_scenario
@@ -129,6 +133,39 @@ def test_a_trial_that_was_cut_short_has_no_verdict() -> None:
         pass
     with pytest.raises(HandError, match="there is no verdict"):
         rig.trial.report()
+
+
+def lowered(by: float, folder: Path) -> RunConfig:
+    """The cube's scenario under `quick`, with the palm so far lower, m."""
+    text = (data_root() / "scenarios" / "demo" / "rubiks_cube.yaml").read_text()
+    scenario = yaml.safe_load(text) | {"protocol": "quick"}
+    scenario["wrist"]["position"][2] -= by
+    (folder / "cube.yaml").write_text(yaml.safe_dump(scenario))
+    return scenario_config(folder / "cube.yaml")
+
+
+def test_a_hand_that_stands_on_its_object_is_told_with_how_much_it_presses(tmp_path: Path) -> None:
+    config = lowered(0.03, tmp_path)
+    outcome = perform(assemble(config), config, Outputs())
+    assert outcome.report is not None
+    said = re.search(r"the hand presses on object and table with (\d+) N \(the object weighs", outcome.report.reason)
+    assert said is not None
+    assert 60.0 < float(said[1]) < 100.0
+    assert outcome.notes == ()
+
+
+def test_also_a_hand_that_holds_its_object_is_told_what_it_presses_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("allegro_twin.grasping.trial.PRESSED", 4.0)
+    config = lowered(0.0, tmp_path)
+    outcome = perform(assemble(config), config, Outputs())
+    assert outcome.report is not None
+    assert outcome.report.held, outcome.report.reason
+    assert outcome.notes == (
+        "at the end of squeeze the hand presses on object and table with 5 N (the object weighs 0.9 N): raise "
+        "wrist.position",
+    )
 
 
 @pytest.mark.slow

@@ -34,7 +34,7 @@ from allegro_twin.hands.library.gains import load_gains, protocol_gains
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.hands.limits import check_period, hand_limits
-from allegro_twin.hands.settings import LimitSettings
+from allegro_twin.hands.settings import LimitSettings, scenario_side
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard
@@ -193,7 +193,7 @@ def run_cases(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> 
     serial = shared.get("serial", "")
     for index, item in enumerate(items):
         hand = hand_name(item)
-        side: Side = item.get("side") or card_side(hand) or "right"
+        side: Side = item.get("side") or scenario_side([item.get("scenario")]) or card_side(hand) or "right"
         spec = specs.setdefault((hand, side), load_spec(hand, side, serial))
         case = load_case(item, spec)
         gains = protocol_gains(case.ruled.gains or shared.get("gains"), spec)

@@ -13,12 +13,13 @@ from allegro_twin.files.schema import parse_settings
 from allegro_twin.grasping.scenario import Scenario, ScenarioObject, load_protocol, load_scenario
 from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.hands.library.entries import HAND
+from allegro_twin.hands.settings import scenario_files
 from allegro_twin.sim.objects import catalogue as objects
 from allegro_twin.sim.objects.catalogue import GraspObject
 
 FOLDERS: dict[str, tuple[str, ...]] = {HAND: ("demo", "more")}
 """Folders of scenarios with one object each. Folders of other hands have the hand's name."""
-SCENARIOS, MESHES = (".yaml", ".yml"), (".obj", ".stl")
+MESHES = (".obj", ".stl")
 
 
 class OwnObject(ScenarioObject):
@@ -82,7 +83,7 @@ def load_object(choice: ObjectChoice) -> GraspObject:
 
 
 def _is_scenario(choice: str) -> bool:
-    return Path(choice).suffix in SCENARIOS
+    return bool(scenario_files((choice,)))
 
 
 def _catalogue_scenario(name: str, known: dict[str, str]) -> str:

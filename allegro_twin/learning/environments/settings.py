@@ -12,7 +12,7 @@ from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.schema import Positive, Settings, parse_settings
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entries import HAND
-from allegro_twin.hands.settings import with_card_side
+from allegro_twin.hands.settings import scenario_files, scenario_side, with_card_side
 from allegro_twin.learning.environments.objects import ObjectChoice
 from allegro_twin.learning.environments.randomise import LARGEST_FRICTION, Randomise, parse_randomise
 from allegro_twin.learning.policy.interface import Mode
@@ -46,7 +46,7 @@ class EnvSettings(Settings):
     hand: str = HAND
     """A model of hand, or the path of your own card (docs/how-to/add_a_hand.md)."""
     side: Side = "right"
-    """Default: that of the hand's card; of a hand without one, right."""
+    """Default: that of the hand's card, else of the scenarios among `objects`; where none says one, right."""
     control: Mode = "delta"
     """Meaning of an action: `delta` or `absolute` joint positions, or `torque` of a hand that takes torques."""
     objects: Annotated[tuple[ObjectChoice, ...], Field(min_length=1)] | None = None
@@ -127,8 +127,11 @@ class EnvSettings(Settings):
     @model_validator(mode="before")
     @classmethod
     def _of_hand(cls, values: Any) -> Any:
-        """A card's side; and `default` randomises what applies to the chosen hand."""
+        """A card's side, or that of scenarios; and `default` randomises what applies to the chosen hand."""
         values = with_card_side(values, "hand")
+        if isinstance(values, dict) and "side" not in values:
+            side = scenario_side(scenario_files(values.get("objects")))
+            values = values if side is None else values | {"side": side}
         if not isinstance(values, dict) or "randomise" not in values:
             return values
         return values | {"randomise": parse_randomise(values["randomise"], _chosen_hand(values))}

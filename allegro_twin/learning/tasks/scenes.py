@@ -100,6 +100,11 @@ def _find_scenario(choice: ObjectChoice, spec: HandSpec) -> tuple[Scenario, Stag
             f"{object_name(choice)}: its scenario is for the hand {settings.model}, and this one is {spec.model}: "
             f"allegro-twin plan OBJECT --hand {spec.model_reference} makes one"
         )
+    if "side" in settings.model_fields_set and settings.side != spec.side:
+        raise ConfigError(
+            f"{object_name(choice)}: its scenario is for the {settings.side} hand (its `side`), and this one is the "
+            f"{spec.side} one: say side={settings.side!r}, or leave one of them out"
+        )
     surroundings = make_stage(settings, load_protocol(settings.protocol), spec.side, folder)
     return settings, surroundings, as_written(spec.side) * settings.wrist.retreat
 

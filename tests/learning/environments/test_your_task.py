@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import data_root
 from allegro_twin.learning import tasks
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.settings import EnvSettings
@@ -157,6 +158,22 @@ def test_a_scenario_is_an_object_of_its_own(tmp_path: Path) -> None:
     (tmp_path / "mine.yaml").write_text(scenario)
     env = HandEnv("Lift", objects=(str(tmp_path / "mine.yaml"),))
     assert env.reset(seed=0)[1]["object"] == "golf_ball"
+
+
+@pytest.mark.parametrize("task", ["Grasp", "Lift", "Pinch", "HoldDisturbed"])
+def test_a_scenario_that_says_its_side_decides_whose_hand_it_is_and_another_one_is_refused(
+    task: str, tmp_path: Path
+) -> None:
+    mine = tmp_path / "mine.yaml"
+    ball = data_root() / "scenarios" / "demo" / "tennis_ball.yaml"
+    mine.write_text(f"side: left\n{ball.read_text()}")
+    assert HandEnv(task, objects=(str(mine),)).engine.task.spec.side == "left"
+    with pytest.raises(ConfigError, match="its scenario is for the left hand .*, and this one is the right one: say"):
+        HandEnv(task, objects=(str(mine),), side="right").reset(seed=0)
+    other = tmp_path / "other.yaml"
+    other.write_text(f"side: right\n{ball.read_text()}")
+    with pytest.raises(ConfigError, match=r"other.yaml is for the right hand, .*mine.yaml for the left one: take"):
+        HandEnv(task, objects=(str(mine), str(other)))
 
 
 def test_a_recipe_takes_a_task_and_objects_of_one_s_own() -> None:

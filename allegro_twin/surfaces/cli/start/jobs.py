@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from allegro_twin.app import Rig, scenario_config
-from allegro_twin.app.config import RunConfig, load_config
+from allegro_twin.app.config import RunConfig, check_scenario_side, load_config
 from allegro_twin.app.controller_settings import PositionSettings
 from allegro_twin.app.session import Outputs
 from allegro_twin.app.simulated import following
@@ -119,6 +119,8 @@ def _scenario_config(scenario: Path, options: RunOptions, side: str | None) -> R
     if "period" in alone.model_fields_set and alone.period != base.period:
         wanted = f"{scenario}: its protocol wants control every {alone.period} s"
         raise ConfigError(f"{wanted}, {hand} has it every {base.period} s: take one that leaves it open, as table_pick")
+    if side is None and "side" in base.hand.model_fields_set:
+        check_scenario_side(base, scenario, hand)
     gains = base.controller.gains if isinstance(base.controller, PositionSettings) else None
     controller = following(base.hand, gains)
     task = alone.task.model_dump(exclude_unset=True, exclude_none=True)
