@@ -19,8 +19,8 @@ HISTORY = 500  # Samples: 1.5 s at 333 Hz.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Limits:
-    """Limits of the guard. Arrays have one value per joint, shape (n,). Raises ConfigError for a zone or speeds that are
-    not positive, for soft stops in the wrong order, and unless what is warm is cooler than what is hot."""
+    """Limits of the guard. Arrays have one value per joint, shape (n,). Raises ConfigError for a zone or speeds that
+    are not positive, for soft stops in the wrong order, and unless what is warm is cooler than what is hot."""
 
     torque: Vector
     """Ceiling, N·m."""
