@@ -64,8 +64,14 @@ def _touches(at: float, mirrored: MirrorResult, options: BranchOptions) -> Itera
             )
 
 
-def list_collisions(spec: HandSpec, t: Vector, recorded: Array, branched: Array) -> Iterator[str]:
-    """Parts of the hand that would penetrate each other in the branch, (k, n), rad, and did not in the recording."""
+def first_touch(at: float, mirrored: MirrorResult) -> float:
+    """When the recording's hand was first touched after `at`, s; infinite where it was not."""
+    return min((each.begin for each in mirrored.contacts if each.begin > at), default=np.inf)
+
+
+def list_collisions(spec: HandSpec, t: Vector, recorded: Array, branched: Array) -> Iterator[tuple[float, str]]:
+    """Parts of the hand that would penetrate each other in the branch, (k, n), rad, and did not in the recording: since
+    when, s, and a sentence."""
     step = max(round(_EVERY * (len(t) - 1) / max(float(t[-1] - t[0]), 1e-9)), 1)
     rows, clear = slice(0, len(branched), step), SelfClearance(spec)
     was, would = (clear(np.clip(each[rows], spec.lower, spec.upper)) for each in (recorded, branched))
@@ -73,7 +79,9 @@ def list_collisions(spec: HandSpec, t: Vector, recorded: Array, branched: Array)
     for column in np.flatnonzero(deep.any(axis=0)):
         one, other = clear.pairs[column]
         first = int(deep[:, column].argmax())
+        begin = float(t[rows][first])
         yield (
-            f"From {t[rows][first]:.2f} s on {one} and {other} would meet ({-1000.0 * would[:, column].min():.1f} mm "
-            "deep): the branch lets them pass through each other, so believe it until then."
+            begin,
+            f"From {begin:.2f} s on {one} and {other} would meet ({-1000.0 * would[:, column].min():.1f} mm "
+            "deep): the branch lets them pass through each other, so believe it until then.",
         )

@@ -17,7 +17,7 @@ from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.recording.missed import hold_missed, read_by_twin
 from allegro_twin.recording.reader import Recording
 from allegro_twin.sim.model.joints import JointChange
-from allegro_twin.twin.branch.assumptions import list_assumptions, list_collisions
+from allegro_twin.twin.branch.assumptions import first_touch, list_assumptions, list_collisions
 from allegro_twin.twin.branch.model_backend import model_backend_at
 from allegro_twin.twin.branch.overrides import Changes, hand_change
 from allegro_twin.twin.branch.recover_controller import BranchController, change_controller, find_controller
@@ -52,8 +52,10 @@ def branch_from_estimate(
         *future.stopped(),
     ]
     rest = slice(row, len(branched))
-    notes += list_collisions(spec, columns["t"][rest], columns["position"][rest], branched[rest])
-    return BranchResult(columns["t"], columns["position"], branched, spec, None, unchanged, tuple(notes))
+    meetings = list(list_collisions(spec, columns["t"][rest], columns["position"][rest], branched[rest]))
+    notes += [sentence for _, sentence in meetings]
+    until = min([first_touch(at, mirrored), *(begin for begin, _ in meetings)])
+    return BranchResult(columns["t"], columns["position"], branched, spec, None, unchanged, tuple(notes), until)
 
 
 def _check(recording: Recording, at: float, changes: Changes) -> None:

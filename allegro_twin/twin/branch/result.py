@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
@@ -48,6 +49,9 @@ class BranchResult:
     a simulation."""
     notes: tuple[str, ...] = ()
     """Sentences: what is known of the instant, what is estimated and what is assumed."""
+    believed_until: float = math.inf
+    """s: from here on the recording's hand is touched, or parts of the branch pass through each other, which no model
+    here knows."""
 
 
 def first_samples(samples: Iterable[Sample], row: int) -> Iterator[Sample]:

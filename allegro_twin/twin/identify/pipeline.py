@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,12 +14,14 @@ from allegro_twin.files.assets import parse_yaml
 from allegro_twin.files.yaml_edit import has_content, read_text
 from allegro_twin.hands.description.calibration import load_wiring
 from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.recording.reader import load
 from allegro_twin.sim.open_loop import OpenLoopPlayer
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.fitting.fit import DriveFit, Friction, fit_drive
 from allegro_twin.twin.identify.fitting.problem import Masses
 from allegro_twin.twin.identify.fitting.regress import regress, regress_breakaway
 from allegro_twin.twin.identify.fitting.shooting import cut_segments
+from allegro_twin.twin.identify.motions.following import unfollowed_joints
 from allegro_twin.twin.identify.motions.limits import FoundLimits, centring_offsets
 from allegro_twin.twin.identify.motions.motion import RecordedMotion, check_same_hand, read_motion
 from allegro_twin.twin.identify.results.gap import Gap, drive_parameters, make_player, measure_gap
@@ -152,9 +155,23 @@ def _motions(paths: Sequence[Path], weights: Sequence[KnownWeight]) -> list[Reco
     motions = []
     for number, (path, name) in enumerate(zip(paths, names, strict=True)):
         own = [weight for weight, chosen in zip(weights, hung, strict=True) if chosen == number]
-        motions.append(replace(read_motion(path, _weight(own, first.spec)), name=name))
+        motion = replace(read_motion(path, _weight(own, first.spec)), name=name)
+        motions.append(_without_unfollowed(motion, load(path).meta.get("excitation")))
     check_same_hand(motions)
     return motions
+
+
+def _without_unfollowed(motion: RecordedMotion, excitation: Mapping[str, Any] | None) -> RecordedMotion:
+    """The motion, in which joints that did not follow the excitation are not trusted while they did not."""
+    if excitation is None:
+        return motion
+    good, t = motion.good.copy(), motion.period * np.arange(len(motion.position))
+    found = unfollowed_joints(motion.spec, excitation, t, motion.position)
+    for each in found:
+        good[each.wrong, each.joint] = 0.0
+    return (
+        replace(motion, good=good, unfollowed=tuple((each.joint, each.reason) for each in found)) if found else motion
+    )
 
 
 def distinct_names(paths: Sequence[Path]) -> list[str]:

@@ -24,6 +24,7 @@ from allegro_twin.recording.recorder import record
 from allegro_twin.sim.settings import SimSettings
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.motions.excitation import APPROACH, Excitation, ExcitationPose, find_pose, rehearse
+from allegro_twin.twin.identify.motions.following import unfollowed_joints
 from allegro_twin.twin.identify.motions.motion import recorded_calibration
 from allegro_twin.types import Command, HandState, Sample, frozen
 from allegro_twin.version import __version__
@@ -89,6 +90,13 @@ def describe_loss(recording: Recording) -> str:
     if lost <= MISSING * every and gap <= GAP:
         return ""
     return f"{lost} of {every} periods are missing, up to {gap} in a row"
+
+
+def describe_unfollowed(recording: Recording) -> list[str]:
+    """Joints that did not follow the excitation that was recorded, a sentence each."""
+    spec, columns = recording.spec, recording.columns
+    found = unfollowed_joints(spec, recording.meta["excitation"], columns["t"], columns["position"])
+    return [each.sentence(spec) for each in found]
 
 
 def _check_hand(recording: Recording, config: RunConfig) -> None:

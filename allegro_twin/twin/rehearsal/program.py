@@ -23,7 +23,7 @@ from allegro_twin.twin.identify.joint_ends import note, store_offsets
 from allegro_twin.twin.identify.motions.excitation import ExcitationPose, find_pose
 from allegro_twin.twin.identify.pipeline import identify_hand
 from allegro_twin.twin.identify.report import report_page
-from allegro_twin.twin.identify.results.findings import describe_outcome, describe_terms
+from allegro_twin.twin.identify.results.findings import describe_outcome, describe_terms, describe_unfollowed
 from allegro_twin.twin.identify.results.hand_file import write_hand_file
 from allegro_twin.twin.rehearsal.gain_check import advice_on_gains
 from allegro_twin.twin.rehearsal.measures import (
@@ -244,8 +244,9 @@ class HandRehearsal:
             temporary.write_text(report_page(found), encoding="utf-8")
         constant, outcome = found.values["torque_constant"], list(describe_outcome(found.fit, self.spec, found.written))
         advice = advice_on_gains(self._about["hand"], self.hand.settings.version, str(file), self._gains)
-        lines = [*describe_terms(found.fit, found.values, found.motions, found.written), *outcome, advice]
-        for line in (*outcome, advice):
+        terms = describe_terms(found.fit, found.values, found.motions, found.written)
+        lines = [*describe_unfollowed(found.motions), *terms, *outcome, advice]
+        for line in (*describe_unfollowed(found.motions), *outcome, advice):
             if line:
                 self.talk.say(line)
         return {

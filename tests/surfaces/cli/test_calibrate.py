@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from numpy.typing import NDArray
 
 from allegro_twin.app import assemble
 from allegro_twin.app.config import load_config
@@ -339,3 +340,14 @@ def test_degrees_a_reversed_sign_and_swapped_joints_are_named_where_the_ends_sho
     lower[[0, 1]], upper[[0, 1]] = spec.lower[[1, 0]], spec.upper[[1, 0]]
     with pytest.raises(ConfigError, match="index_0 .*: it and index_1 are swapped; index_1 .* it and index_0 are"):
         check_both_ends(FoundLimits(lower, upper), spec)
+
+
+@pytest.mark.parametrize("found", [STOOD, None])
+def test_swapped_joints_are_refused_though_both_came_to_stops(found: NDArray[np.bool_] | None, spec: HandSpec) -> None:
+    lower, upper, offset = spec.lower.copy(), spec.upper.copy(), np.linspace(-0.01, 0.01, 16)
+    lower[[1, 2]], upper[[1, 2]] = spec.lower[[2, 1]], spec.upper[[2, 1]]
+    with pytest.raises(ConfigError, match=r"index_1 was seen from .*: it and index_2 are swapped"):
+        check_both_ends(FoundLimits(frozen(lower + offset), frozen(upper + offset), found), spec)
+    shifted = offset.copy()
+    shifted[[1, 2]] = 0.06, -0.05  # Encoders alone.
+    check_both_ends(FoundLimits(frozen(spec.lower + shifted), frozen(spec.upper + shifted), STOOD), spec)

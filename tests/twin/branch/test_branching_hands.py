@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
@@ -27,7 +28,7 @@ from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import record
 from allegro_twin.surfaces.cli.twin import branch_run
 from allegro_twin.twin.branch.assumptions import list_collisions
-from allegro_twin.twin.branch.result import BranchOptions
+from allegro_twin.twin.branch.result import BranchOptions, BranchResult
 from allegro_twin.twin.branch.what_if import branch_recording
 from allegro_twin.types import Sample, Vector
 from tests.conftest import MakeSim
@@ -183,14 +184,37 @@ def test_a_touch_after_the_instant_is_named(hidden: RunConfig, own: str, tmp_pat
                 rig.sim.push(push)
     found = branch_recording(path, AT, {}, options=BranchOptions(own))
     assert any(line.startswith("ring is touched from 1.6") and "not only the model's" in line for line in found.notes)
+    assert 1.6 < found.believed_until < 1.7
+
+
+@pytest.mark.parametrize("until", [0.6, math.inf])
+def test_what_follows_is_judged_before_a_touch_or_a_meeting_only(until: float) -> None:
+    """The model errs by 1 mrad, the change does 10 mrad, and from 0.6 s on a touch throws the model off by 1 rad."""
+    spec, t = load_spec(), np.arange(0.0, 1.0, 0.003)
+    hand = np.zeros((len(t), 16))
+    model, branch = hand + MRAD, hand + 11 * MRAD
+    model[t >= 0.6] += 1.0
+    branch[t >= 0.6] += 1.0
+    found = BranchResult(t, hand, branch, spec, None, model, (), until)
+    last, table = list(branch_run.lines(found, 0.0))[-1], branch_run.table(Path("x"), found, 0.0)
+    if until == math.inf:
+        assert last.endswith("hardly more than the model is off by, so nothing follows.")
+        assert table.caption is None
+        return
+    assert last.startswith("Until 0.60 s, without the change the model is off by 1.00 mrad rms (at most 1.00, ")
+    assert last.endswith("; the change moves the joints by 10.00 mrad rms.")
+    assert list(table.columns[0].cells) == ["0 s", "0.1 s", "0.3 s"]
+    assert str(table.caption).startswith("in brackets: from 0.60 s on")
 
 
 def test_parts_that_would_meet_and_did_not_are_named() -> None:
     spec, t = load_spec(), np.linspace(0.0, 1.0, 334)
     open_, fist = np.zeros(16), np.array([0.0, 1.5, 1.6, 1.6] * 3 + [1.2, 0.3, 1.4, 1.4])
     closing_ = open_ + t[:, None] * (fist - open_)
-    said = list(list_collisions(spec, t, np.tile(open_, (334, 1)), closing_))
-    assert said
+    found = list(list_collisions(spec, t, np.tile(open_, (334, 1)), closing_))
+    assert found
+    assert all(f"From {begin:.2f} s on" in line for begin, line in found)
+    said = [line for _, line in found]
     assert all("would meet" in line and line.endswith("so believe it until then.") for line in said)
     assert not list(list_collisions(spec, t, closing_, closing_))
 

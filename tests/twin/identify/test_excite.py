@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from numpy.typing import ArrayLike
 
 from allegro_twin.app import assemble
@@ -21,9 +22,12 @@ from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.kinematics import hand_kinematics
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import record
+from allegro_twin.sim.open_loop import OpenLoopPlayer
 from allegro_twin.spec import Side
 from allegro_twin.twin.identify import record_excitation
 from allegro_twin.twin.identify.motions.excitation import find_pose, rehearse
+from allegro_twin.twin.identify.motions.following import UnfollowedJoint, unfollowed_joints
+from allegro_twin.twin.identify.pipeline import _motions
 from allegro_twin.twin.identify.record_excitation import (
     describe_loss,
     pose_config,
@@ -31,6 +35,8 @@ from allegro_twin.twin.identify.record_excitation import (
     remaining_run,
     served_pose,
 )
+from allegro_twin.twin.identify.results.findings import describe_unfollowed
+from allegro_twin.twin.identify.results.uncertainty import motion_coverage
 from allegro_twin.types import HandState, Sample, TorqueCommand
 from tests.surfaces.cli.conftest import Run
 from tests.twin.identify import hidden
@@ -238,3 +244,61 @@ def command(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch)
     from tests.surfaces.cli import conftest
 
     return conftest.command.__wrapped__(capsys, monkeypatch)  # type: ignore[no-any-return,attr-defined]
+
+
+def _played(change: Callable[[Any, Any], None]) -> list[UnfollowedJoint]:
+    """The joints that did not follow in a recording whose positions were changed: (t, position)."""
+    recording = load(hidden.recording("up"))
+    t, position = recording.columns["t"], recording.columns["position"].copy()
+    change(t, position)
+    return unfollowed_joints(recording.spec, recording.meta["excitation"], t, position)
+
+
+def _freeze(t: Any, position: Any) -> None:
+    position[t >= 2.5, 6] = position[t >= 2.5, 6][0]
+
+
+def _die(t: Any, position: Any) -> None:
+    position[:, 7] = position[0, 7] + 0.02 * np.sin(t)
+
+
+def _run_away(t: Any, position: Any) -> None:
+    position[:, 2] = 1.709 + 1e-4 * np.sin(30.0 * t)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("change", "joint", "said"),
+    [
+        (_freeze, 6, "it reported the same position for 4.0 s: its encoder hangs, or it stands still"),
+        (_die, 7, "it moved by 0.0"),
+        (_run_away, 2, "it stood at its upper end: its motor or its encoder is reversed"),
+    ],
+)
+def test_a_joint_that_does_not_follow_the_excitation_is_named_with_what_it_did(
+    change: Callable[[Any, Any], None], joint: int, said: str
+) -> None:
+    (found,) = _played(change)
+    assert found.joint == joint
+    assert found.off > 0.1
+    assert said in found.sentence(load_spec())
+    assert not _played(lambda t, position: None)
+
+
+@pytest.mark.slow
+def test_nothing_is_told_of_a_joint_that_did_not_follow_nor_of_its_finger(command: Run, tmp_path: Path) -> None:
+    """The motor of middle_3 is dead. `excite` says so, and `identify` names it as the cause."""
+    strength = {"strength": [1e-3 if k == 7 else 1.0 for k in range(16)]}
+    path = tmp_path / "dead.yaml"
+    path.write_text(yaml.safe_dump(hidden.config(drive=strength).model_dump(mode="json", exclude_unset=True)))
+    code, _, errors = command("excite", path, "--pose", "up", "--seconds", "5", "-o", tmp_path, "--yes")
+    assert code == 0, errors
+    assert "middle_3 did not follow what it was told: for 1 s it was 0." in errors
+    assert "`identify` writes nothing of it" in errors
+    motions = _motions([tmp_path / "up_1.arrow"], [])
+    assert [joint for joint, _ in motions[0].unfollowed] == [7]
+    looked = motion_coverage(motions, OpenLoopPlayer(motions[0].spec, 0.003)).unfollowed
+    assert looked[7].startswith("it did not follow what it was told (up_1.arrow): for 1 s it was 0.")
+    assert set(looked[4:7]) == {"middle_3 of its finger did not follow what it was told"}
+    assert not any(looked[:4] + looked[8:])
+    assert next(iter(describe_unfollowed(motions))).startswith("middle_3 did not follow what it was told, and nothing")

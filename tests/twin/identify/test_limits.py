@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,20 +22,32 @@ from allegro_twin.spec import HandSpec, Side
 from allegro_twin.twin.identify.motions.limits import (
     BEYOND,
     TORQUE,
+    FoundLimits,
     alike_joints,
     centring_offsets,
+    check_both_ends,
     limit_sweep,
     limits_in_samples,
 )
-from allegro_twin.types import Command, HandState, Vector, frozen
+from allegro_twin.types import Command, HandState, TorqueCommand, Vector, frozen
 from tests.conftest import MakeSim
 
 
 class Shifted:
-    """A hand whose encoders are off by so much, and that says to be the nominal one."""
+    """A hand whose encoders are off by so much, and that says to be the nominal one; its encoders and motors may have
+    another sign, and joints be in another order."""
 
-    def __init__(self, inner: SimBackend, offset: Vector, spec: HandSpec) -> None:
+    def __init__(
+        self,
+        inner: SimBackend,
+        offset: Vector,
+        spec: HandSpec,
+        encoder: Vector | float = 1.0,
+        motor: Vector | float = 1.0,
+        order: Sequence[int] = range(16),
+    ) -> None:
         self._inner, self._offset, self.spec, self.period = inner, offset, spec, inner.period
+        self._encoder, self._motor, self._order = encoder, motor, list(order)
 
     def reset(self) -> HandState:
         return self._seen(self._inner.reset())
@@ -42,13 +56,26 @@ class Shifted:
         return self._seen(self._inner.read())
 
     def write(self, command: Command) -> None:
-        self._inner.write(command)
+        assert isinstance(command, TorqueCommand)
+        torque = np.zeros(16)
+        torque[self._order] = self._motor * command.torque
+        self._inner.write(TorqueCommand(frozen(torque)))
 
     def close(self) -> None:
         self._inner.close()
 
     def _seen(self, state: HandState) -> HandState:
-        return replace(state, position=frozen(state.position + self._offset))
+        read = {name: frozen(self._encoder * getattr(state, name)[self._order]) for name in ("position", "velocity")}
+        return replace(state, position=frozen(read["position"] + self._offset), velocity=read["velocity"])
+
+
+def sweep(hand: Shifted) -> FoundLimits:
+    spec = hand.spec
+    rest = load_posture("calibrate", spec)
+    wide = Limits(frozen(np.full(16, TORQUE)), frozen(np.full(16, 50.0)), spec.lower - BEYOND, spec.upper + BEYOND)
+    moves = limit_sweep(spec, rest)
+    controller = PD(moves, load_gains("default", spec), GravityFeedforward(hand_kinematics(spec).gravity_torque))
+    return limits_in_samples(until(moves.begin(rest).seconds, run(Guard(hand, wide), controller)), np.full(16, TORQUE))
 
 
 @pytest.mark.slow
@@ -65,16 +92,34 @@ def test_hidden_stops_and_offsets_are_found_within_a_hundredth_of_a_radian(
     )
     offset = frozen(rng.uniform(-0.1, 0.1, 16))
     rest = load_posture("calibrate", spec)
-    hand = Shifted(make_sim(hidden, posture=hidden.posture(rest)), offset, spec)
-    wide = Limits(frozen(np.full(16, TORQUE)), frozen(np.full(16, 12.0)), spec.lower - BEYOND, spec.upper + BEYOND)
-    moves = limit_sweep(spec, rest)
-    controller = PD(moves, load_gains("default", spec), GravityFeedforward(hand_kinematics(spec).gravity_torque))
-    seconds = moves.begin(rest).seconds
-    found = limits_in_samples(until(seconds, run(Guard(hand, wide), controller)))
+    found = sweep(Shifted(make_sim(hidden, posture=hidden.posture(rest)), offset, spec))
+    assert found.ran is not None
+    assert not found.ran.any()
     np.testing.assert_allclose(found.lower - offset, hidden.lower, atol=0.01)
     np.testing.assert_allclose(found.upper - offset, hidden.upper, atol=0.01)
     middle_shift = (hidden.lower + hidden.upper - spec.lower - spec.upper) / 2
     np.testing.assert_allclose(centring_offsets(found, spec), offset + middle_shift, atol=0.01)
+
+
+@pytest.mark.slow
+def test_a_sign_that_is_reversed_and_fingers_that_are_swapped_are_named(spec: HandSpec, make_sim: MakeSim) -> None:
+    """index_2 has its motor reversed, middle_2 its encoder, ring_2 both."""
+    motor, encoder = np.ones(16), np.ones(16)
+    motor[[2, 10]], encoder[[6, 10]] = -1.0, -1.0
+    posture = spec.posture(load_posture("calibrate", spec))
+    with pytest.raises(ConfigError) as told:
+        check_both_ends(
+            sweep(Shifted(make_sim(spec, posture=posture), frozen(np.zeros(16)), spec, encoder, motor)), spec
+        )
+    for joint, cause in (
+        ("index_2", "it ran against its torque, so the sign of its motor is reversed"),
+        ("middle_2", "it ran against its torque, so the sign of its encoder is reversed"),
+        ("ring_2", "the sign of its encoder is reversed, and its motor's"),
+    ):
+        assert re.search(rf"{joint} was seen from [^;]*: {cause}", str(told.value)), str(told.value)
+    order = [12, 13, 14, 15, *range(4, 12), 0, 1, 2, 3]
+    with pytest.raises(ConfigError, match="index_0 was seen .*: it and thumb_0 are swapped"):
+        check_both_ends(sweep(Shifted(make_sim(spec, posture=posture), frozen(np.zeros(16)), spec, order=order)), spec)
 
 
 def test_the_sweep_leaves_no_joint_out_and_ends_at_rest(spec: HandSpec) -> None:

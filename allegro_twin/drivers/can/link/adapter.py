@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import errno
+import threading
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
@@ -18,6 +20,8 @@ from allegro_twin.errors import LinkError
 BUS_OFF, _CONTROLLER, _OVERFLOW = 0x40, 0x04, 0x01
 """linux/can/error.h: CAN_ERR_BUSOFF, CAN_ERR_CRTL, and in data byte 1 CAN_ERR_CRTL_RX_OVERFLOW."""
 _FULL = {errno.ENOBUFS, errno.EAGAIN}
+_HELD = 256
+"""Sent frames that wait to be logged until something is received; a hand that answers does so after a dozen."""
 _BATCH, _TURN = 64, 0.002
 """Frames, and s, after which what was read is handed over though more may wait: on a host slower than its bus there is
 always more."""
@@ -77,6 +81,8 @@ class AdapterLink(Link):
         self._way = way
         self._bus, self._closed, self._local, self._stamps = bus, closed, local, Stamps()
         self.lockstep = bool(getattr(bus, "lockstep", False))
+        self._untold: deque[can.Message] = deque()  # Sent, with our time, before anything told the clock of stamps.
+        self._telling = threading.Lock()
 
     @property
     def address(self) -> Way | str:
@@ -94,11 +100,12 @@ class AdapterLink(Link):
                     is_remote_frame=frame.remote,
                     data=frame.data,
                     is_rx=False,
-                    timestamp=self.now() - self._stamps.offset if self._listeners else 0.0,
+                    timestamp=self.now() if self._listeners else 0.0,
                 )
                 self._bus.send(message)
-                for listener in self._listeners:
-                    listener(message)
+                if self._listeners:
+                    self._untold.append(message)
+                    self._tell_sent(waiting=len(self._untold) < _HELD)
         except (can.CanError, OSError) as error:
             if full(error):
                 return False
@@ -124,7 +131,8 @@ class AdapterLink(Link):
         now = self.now()
         t = now if self.lockstep and not message.timestamp else self._on_our_clock(message.timestamp, now)
         if self._listeners:
-            message.timestamp = message.timestamp or t - self._stamps.offset
+            self._tell_sent()
+            message.timestamp = message.timestamp or t - self._log_offset()
         for listener in self._listeners:
             listener(message)
         if message.is_error_frame:
@@ -137,10 +145,29 @@ class AdapterLink(Link):
             frame = Frame(message.arbitration_id, bytes(message.data), message.is_remote_frame)
             came.append(Stamped(frame, t))
 
+    def _tell_sent(self, *, waiting: bool = False) -> None:
+        """Tell the listeners of what was sent, on the clock of the stamps; `waiting`: not before that is known."""
+        if waiting and not self.lockstep and self._stamps.offset is None:
+            return
+        with self._telling:
+            while self._untold:
+                message = self._untold.popleft()
+                message.timestamp -= self._log_offset()
+                for listener in self._listeners:
+                    listener(message)
+
+    def _log_offset(self) -> float:
+        """What to take from our time for that of a log, s. An adapter without stamps has the time of day."""
+        if self.lockstep:
+            return 0.0
+        known = self._stamps.offset
+        return time.monotonic() - time.time() if known is None else known
+
     def _on_our_clock(self, stamp: float, now: float) -> float:
         return stamp if self.lockstep else self._stamps(stamp, now)
 
     def _close(self) -> None:
+        self._tell_sent()
         self._closed()
         with suppress(can.CanError, OSError):  # It may be unplugged already.
             self._bus.shutdown()

@@ -22,9 +22,9 @@ class Stamps:
         self._floor = -math.inf
 
     @property
-    def offset(self) -> float:
-        """What to add to a stamp, s; 0 before the first."""
-        return 0.0 if math.isinf(self._offset) else self._offset
+    def offset(self) -> float | None:
+        """What to add to a stamp, s; None before the first."""
+        return None if math.isinf(self._offset) else self._offset
 
     def empty(self, now: float) -> None:
         """Nothing was waiting to be read at `now`, s: what comes next comes later."""

@@ -111,7 +111,9 @@ def table(path: Path, found: BranchResult, at: float) -> Table:
         if row >= len(apart[-1]):
             continue
         cells = [" / ".join(f"{_at(off, row, f.joints):.{3 - model}f}" for off in apart) for f in found.spec.fingers]
-        made.add_row(f"{after:g} s", *cells)
+        made.add_row(f"{after:g} s" if found.t[row] < found.believed_until else f"({after:g} s)", *cells)
+    if at + _AFTER[-1] >= found.believed_until:
+        made.caption = f"in brackets: from {found.believed_until:.2f} s on do not believe it, as is said below"
     return made
 
 
@@ -146,14 +148,15 @@ def _at(off: Array, row: int, joints: tuple[int, ...]) -> float:
 
 
 def _sizes(found: BranchResult, at: float) -> str:
-    """Model error and effect over all joints and all rows from the instant on."""
-    rest = _first(found, at)
-    (model, effect), names = (one[rest:] - other[rest:] for one, other in _compared(found)), found.spec.joint_labels
+    """Model error and effect over all joints and all rows from the instant on that are to be believed."""
+    rest = slice(_first(found, at), int(np.searchsorted(found.t, found.believed_until)))
+    (model, effect), names = (one[rest] - other[rest] for one, other in _compared(found)), found.spec.joint_labels
     off, moved = (1000.0 * float(np.sqrt(np.square(each).mean())) for each in (model, effect))
     worst = np.abs(model).max(axis=0)
-    said = f"Without the change the model is off by {off:.2f} mrad rms (at most {1000.0 * worst.max():.2f}, "
+    until = f"Until {found.believed_until:.2f} s, without" if rest.stop < len(found.t) else "Without"
+    said = f"{until} the change the model is off by {off:.2f} mrad rms (at most {1000.0 * worst.max():.2f}, "
     said += f"{names[int(worst.argmax())]})"
-    if not effect.any():
+    if np.array_equal(*_compared(found)[1]):
         return f"{said}; nothing was changed."
     said += f"; the change moves the joints by {moved:.2f} mrad rms"
     return f"{said}." if moved > 2.0 * off else f"{said}: hardly more than the model is off by, so nothing follows."

@@ -57,6 +57,7 @@ def excite(
 
     Repeat it for the poses up, palm-up and side. After an interruption the same command continues."""
     from allegro_twin.app.config import load_config
+    from allegro_twin.recording.reader import load
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.hand_override import on_hand
     from allegro_twin.twin.identify import record_excitation
@@ -75,6 +76,8 @@ def excite(
         job = bar.add_task(pose, total=todo.seconds)
         record_excitation.record_run(ready, todo, lambda t: bar.update(job, completed=t))
     console.say(f"{todo.file}: {todo.seconds:.0f} s, {pose}")
+    for line in record_excitation.describe_unfollowed(load(todo.file)):
+        console.warn(f"{line}. `identify` writes nothing of it")
 
 
 def identify(

@@ -3,6 +3,7 @@ in simulation."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -142,7 +143,11 @@ class Excitation:
 
     def start(self, state: HandState) -> ReferenceMemory:
         self.gravity.check(state)
-        first, travel = frozen(state.position), self.middle + self.path(0.0)[0] - state.position
+        return ReferenceMemory(self.path_from(state.position), state.t)
+
+    def path_from(self, position: Vector) -> Callable[[float], SetPoint]:
+        """Where the joints are to be, by the time since the beginning, s, from where they are, (n,), rad."""
+        first, travel = frozen(position), self.middle + self.path(0.0)[0] - position
 
         def path(t: float) -> SetPoint:
             if t < APPROACH:
@@ -152,7 +157,7 @@ class Excitation:
             swing, speed = self.path(warped)
             return SetPoint(self.middle + swing, pace * speed)
 
-        return ReferenceMemory(path, state.t)
+        return path
 
     def __call__(self, state: HandState, memory: ReferenceMemory) -> tuple[TorqueCommand, ReferenceMemory]:
         t = state.t - memory.began

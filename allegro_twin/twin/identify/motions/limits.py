@@ -26,7 +26,10 @@ _APPROACH = 0.05  # rad before that, over which the torque that moves a joint is
 _STOOD = 0.05  # s.
 _SPARE = 0.8  # Of the torque against which a joint stood; it must have come there with less.
 _MET = 0.03  # rad. Closer to the sweep's end than this, a joint did not stop at its stop, but where it was sent.
+_RUN, _RAN, _MUCH = 0.1, 0.15, 0.5  # s, rad, of the most torque. The sweep asks for 0.8 rad/s; a finger without motors
+# falls at 1.4 rad/s at most, and the sweep's torque the wrong way drives it at 1.7 to 3.
 _SHORT = 0.25  # Of the model's range. The shortest, 0.94 rad, may not lose 0.35 rad.
+_KEYS = " (`wire.encoder_direction` of its file)", " (`wire.motor_direction` of its file)"
 _TOLD = 3  # Joints with their ranges in a message; the others by name.
 _NOTHING = bytes(32)  # A report of sixteen positions; any one will do.
 
@@ -47,6 +50,10 @@ class FoundLimits:
     at_stop: NDArray[np.bool_] | None = None
     """Whether the joint's torque tells that it stood against a stop, at the lowest and at the highest, (2, n), true or
     false; None where nothing pressed the joints but a person."""
+    start: Vector | None = None
+    """Where the joints were at first, (n,), rad; None where nobody knows."""
+    ran: NDArray[np.bool_] | None = None
+    """Whether the joint once ran against its torque, (n,); None where nothing pressed the joints but a person."""
 
 
 def limit_sweep(spec: HandSpec, rest: Vector, speed: float = 0.8) -> Moves:
@@ -77,14 +84,31 @@ def limits_in_samples(samples: Iterable[Sample], most: Vector | None = None) -> 
     if not positions:
         raise ConfigError("no limits were found: there was no state to look at")
     seen = np.array(positions)
-    stops = None
+    stops = ran = None
     if len(torques) == len(positions):
         pressed, t = np.array(torques), np.array(times)
         joints = range(seen.shape[1])
         stops = np.array(
             [[_stood_at_stop(t, way * seen[:, k], way * pressed[:, k]) for k in joints] for way in (-1, 1)]
         )
-    return FoundLimits(frozen(seen.min(axis=0)), frozen(seen.max(axis=0)), stops)
+        ran = np.array([_ran_against(t, seen[:, k], pressed[:, k]) for k in joints])
+    return FoundLimits(frozen(seen.min(axis=0)), frozen(seen.max(axis=0)), stops, frozen(seen[0]), ran)
+
+
+def _ran_against(t: Vector, position: Vector, torque: Vector) -> bool:
+    """Whether a joint once went against much torque, faster than the sweep asks or its weight makes it go.
+
+    All (k,): s, rad, N·m. No joint does that whose torque and position have the signs that they should.
+    """
+    rows = max(round(_RUN / float(np.median(np.diff(t)))), 1) if len(t) > 1 else len(t)
+    if len(t) <= rows or not torque.any():
+        return False
+    for way in (-1, 1):
+        pressed = np.cumsum(way * torque >= _MUCH * np.abs(torque).max())
+        throughout = pressed[rows:] - pressed[:-rows] == rows
+        if (throughout & (way * (position[:-rows] - position[rows:]) >= _RAN)).any():
+            return True
+    return False
 
 
 def _stood_at_stop(t: Vector, position: Vector, torque: Vector) -> bool:
@@ -154,8 +178,8 @@ def encoder_offsets(found: FoundLimits, model: HandSpec, codec: Codec) -> Encode
 
 
 def check_both_ends(found: FoundLimits, model: HandSpec) -> None:
-    """Raise ConfigError naming every joint that was not brought to both its ends. Raises RecordingError for positions
-    that are not in rad.
+    """Raise ConfigError naming every joint that was not brought to both its ends, that ran against its torque, or whose
+    ends are another joint's. Raises RecordingError for positions that are not in rad.
 
     `model` has the joint limits of the description, not those that were measured. A range that is the model's is that
     between the stops. Another one may be as much smaller than the model's as those of published hands are, `BEYOND`,
@@ -170,16 +194,33 @@ def check_both_ends(found: FoundLimits, model: HandSpec) -> None:
     stood = np.asarray(np.abs(short) <= _ALIKE if found.at_stop is None else found.at_stop.all(axis=0))
     whole = exact | stood & (short <= np.minimum(BEYOND, _SHORT * wanted))
     stopped = np.minimum(low - model.lower, model.upper - high) >= _MET - BEYOND
-    missed = np.flatnonzero(~(whole & stopped))  # NaN is neither.
+    reached = whole & stopped & ~_ran(found)
+    missed = np.flatnonzero(~reached)  # NaN is neither.
     if not len(missed):
+        _check_swapped(found, model)
         return
-    seen = [_seen(found, model, k) + (_likely(found, model, k) or _held(found, exact, k)) for k in missed[:_TOLD]]
+    told = missed[:_TOLD].tolist()
+    causes = [_likely(found, model, k) for k in told]
+    seen = [_seen(found, model, k) + (cause or _held(found, exact, k)) for k, cause in zip(told, causes, strict=True)]
     if len(missed) > _TOLD:
         seen.append(f"nor were {', '.join(model.joint_labels[k] for k in missed[_TOLD:])}")
     way_out = "bring it there yourself: --by-hand SECONDS"
     if found.at_stop is None:
         way_out = "press it against both its stops; without --by-hand the motors tell a stop that is not the model's"
-    raise ConfigError(f"not at both ends: {'; '.join(seen)}. Free it, or {way_out}")
+    repeat = "Correct that and repeat" if all(causes) else f"Free it, or {way_out}"
+    raise ConfigError(f"not at both ends: {'; '.join(seen)}. {repeat}")
+
+
+def _check_swapped(found: FoundLimits, model: HandSpec) -> None:
+    """Raise ConfigError for joints that came to both ends, where those are each other's. An encoder's shift is not
+    taken for it: the ranges must differ in size."""
+    size, wanted = found.upper - found.lower, model.upper - model.lower
+    for k in np.flatnonzero(np.abs(size - wanted) > _ALIKE).tolist():
+        if likely := _likely(found, model, k, reversal=False):
+            raise ConfigError(
+                f"{_seen(found, model, k)}{likely}. Exchange them, or, where each moves under its own name, write "
+                "these limits into the hand's file yourself"
+            )
 
 
 def _check_shifted_alike(found: FoundLimits, model: HandSpec) -> None:
@@ -202,21 +243,36 @@ def _seen(found: FoundLimits, model: HandSpec, k: int) -> str:
     )
 
 
-def _likely(found: FoundLimits, model: HandSpec, k: int) -> str:
-    """The cause where the ends are those of the joint turned round, or of another joint that has this one's."""
-    seen, ends = np.array([found.lower, found.upper]), np.array([model.lower, model.upper])
-
-    def fits(joint: int, others: NDArray[np.float64]) -> bool:
-        return bool((np.abs(seen[:, joint] - others) <= _ALIKE).all())
-
-    if fits(k, ends[:, k]):
-        return ""
-    if fits(k, -ends[::-1, k]):
-        return ": the sign of its encoder is reversed"
-    for other in range(seen.shape[1]):
-        if fits(k, ends[:, other]) and fits(other, ends[:, k]):
+def _likely(found: FoundLimits, model: HandSpec, k: int, *, reversal: bool = True) -> str:
+    """The cause where the joint ran against its torque, or where the ends are those of the joint turned round, or of
+    another joint that has this one's; empty where none of it is seen."""
+    ends = np.array([model.lower, model.upper])
+    if _fits(found, model, k, ends[:, k], swept=False):
+        return f": it ran against its torque, so the sign of its motor is reversed{_KEYS[1]}" if _ran(found)[k] else ""
+    if _ran(found)[k]:
+        turned = (np.abs(found.lower[k] + model.upper[k]), np.abs(found.upper[k] + model.lower[k]))
+        part = f"encoder is reversed{_KEYS[0]}" if min(turned) <= _ALIKE else "motor or its encoder is reversed"
+        return f": it ran against its torque, so the sign of its {part}"
+    if reversal and _fits(found, model, k, -ends[::-1, k]):
+        both = _KEYS[0] if found.at_stop is None else ", and its motor's"
+        return f": the sign of its encoder is reversed{both}"
+    for other in range(ends.shape[1]):
+        if _fits(found, model, k, ends[:, other]) and _fits(found, model, other, ends[:, k]):
             return f": it and {model.joint_labels[other]} are swapped"
     return ""
+
+
+def _fits(found: FoundLimits, model: HandSpec, k: int, ends: Vector, *, swept: bool = True) -> bool:
+    """Whether these ends (2,), rad, are a joint's. `swept`: a sweep brings it no further than `BEYOND` past its own
+    ends, from where it began."""
+    if swept and found.at_stop is not None and found.start is not None:
+        within = np.clip(ends, model.lower[k] - BEYOND, model.upper[k] + BEYOND)
+        ends = np.array([min(within[0], found.start[k]), max(within[1], found.start[k])])
+    return bool((np.abs(np.array([found.lower[k], found.upper[k]]) - ends) <= _ALIKE).all())
+
+
+def _ran(found: FoundLimits) -> NDArray[np.bool_]:
+    return np.zeros(len(found.lower), dtype=bool) if found.ran is None else found.ran
 
 
 def _held(found: FoundLimits, exact: NDArray[np.bool_], k: int) -> str:

@@ -49,6 +49,8 @@ class RecordedMotion:
     """At the fingertips, (n,), kg."""
     calibration: HandCalibration
     """With which counts became rad and N·m."""
+    unfollowed: tuple[tuple[int, str], ...] = ()
+    """Joints that did not follow what an excitation told them, and by how much."""
 
     @property
     def torque_constant(self) -> Vector:

@@ -44,9 +44,23 @@ _SAME = np.radians(0.6)  # Between the leans of recordings that count as one.
 def describe(
     found: DriveFit, values: Mapping[str, IdentifiedValue], motions: Sequence[RecordedMotion], written: WrittenDrive
 ) -> Iterator[str]:
-    """All that comes first: what the hand has beyond friction, and the outcome."""
+    """All that comes first: joints that did not follow, what the hand has beyond friction, and the outcome."""
+    yield from describe_unfollowed(motions)
     yield from describe_terms(found, values, motions, written)
     yield from describe_outcome(found, motions[0].spec, written)
+
+
+def describe_unfollowed(motions: Sequence[RecordedMotion]) -> Iterator[str]:
+    """Joints that did not follow the excitation: nothing of them is written."""
+    labels, said = motions[0].spec.joint_labels, set[int]()
+    for motion in motions:
+        for joint, how in motion.unfollowed:
+            if joint not in said:
+                said.add(joint)
+                yield (
+                    f"{labels[joint]} did not follow what it was told, and nothing of it is written: {motion.name}, "
+                    f"{how}."
+                )
 
 
 def describe_outcome(found: DriveFit, spec: HandSpec, written: WrittenDrive) -> Iterator[str]:

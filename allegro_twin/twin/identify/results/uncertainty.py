@@ -119,6 +119,8 @@ class MotionCoverage:
     """Difference of gravity's torque between postures and poses, (n,), N·m."""
     poses: int
     """Directions of gravity."""
+    unfollowed: tuple[str, ...] = ()
+    """Why nothing is to be told of a joint, or empty, (n,): it, or another of its finger, did not follow."""
 
 
 def motion_coverage(motions: list[RecordedMotion], player: OpenLoopPlayer) -> MotionCoverage:
@@ -142,7 +144,24 @@ def motion_coverage(motions: list[RecordedMotion], player: OpenLoopPlayer) -> Mo
         creeping=np.array(slow),
         pull=span[1] - span[0],
         poses=_directions(motions),
+        unfollowed=_unfollowed(motions),
     )
+
+
+def _unfollowed(motions: Sequence[RecordedMotion]) -> tuple[str, ...]:
+    """Why nothing is to be told of each joint, (n,); empty where something is."""
+    spec, period = motions[0].spec, motions[0].period
+    said = [""] * spec.n_joints
+    for motion in motions:
+        for joint, how in motion.unfollowed:
+            said[joint] = said[joint] or f"it did not follow what it was told ({motion.name}): {how}"
+    for finger in spec.fingers:
+        own = [joint for joint in finger.joints if said[joint]]
+        seconds = period * sum(float((motion.good[:, list(finger.joints)] > 0).all(axis=1).sum()) for motion in motions)
+        for joint in finger.joints:
+            if own and not said[joint] and seconds < SHORTEST:
+                said[joint] = f"{spec.joint_labels[own[0]]} of its finger did not follow what it was told"
+    return tuple(said)
 
 
 def identified_values(found: DriveFit, coverage: MotionCoverage) -> dict[str, IdentifiedValue]:
@@ -242,13 +261,16 @@ def _per_pwm(found: DriveFit, name: str) -> Array:
 
 def _unseen(name: str, joint: int, coverage: MotionCoverage, *, loose: bool) -> str:
     """Why the motions do not show a value, whatever its interval; empty where they do."""
-    if loose and name == "offset" and coverage.pull[joint] < PULL_LOOSE:
+    followed = not (coverage.unfollowed and coverage.unfollowed[joint])
+    if followed and loose and name == "offset" and coverage.pull[joint] < PULL_LOOSE:
         return (f"gravity's torque on it differs by {1000 * coverage.pull[joint]:.1f} mN·m only, and behind backlash "
                 f"{1000 * PULL_LOOSE:g} tell: `calibrate limits --offsets` finds it from the end stops")  # fmt: skip
     return next(_lacks(name, joint, coverage), "")
 
 
 def _lacks(name: str, joint: int, coverage: MotionCoverage) -> Iterator[str]:
+    if coverage.unfollowed and coverage.unfollowed[joint]:
+        yield coverage.unfollowed[joint]
     if coverage.seconds[joint] < SHORTEST:
         yield f"only {coverage.seconds[joint]:.0f} s of it can be used: record at least {SHORTEST:g} s"
     if coverage.travel[joint] < MOVED:

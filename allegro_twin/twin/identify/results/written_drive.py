@@ -125,6 +125,8 @@ def choose_drive(
                 if np.square(left[finger]).sum() < BETTER**2 * np.square(now[finger]).sum():
                     made, now, source[joint] = tried, left, other
     errors["written"] = now
+    # A joint of which the motions show nothing has what it had before, whatever its finger has.
+    source[np.logical_and.reduce([mask for mask in unseen.values() if len(mask) == len(source)])] = 0
     taken, stays = source == SOURCES.index("all"), {**unseen, **kept}
     guesses = {
         name: ~value.determined & ~stays[name] & (taken if len(value.value) == len(taken) else taken.any())

@@ -64,4 +64,5 @@ def test_a_stamp_a_little_before_the_queue_was_empty_is_jitter_and_one_well_befo
         stamps(1000.0, 10.0)
         stamps.empty(10.5)
         stamps(1000.5 - before, 10.51)
+        assert stamps.offset is not None
         assert (stamps.offset > -989.995) == back
