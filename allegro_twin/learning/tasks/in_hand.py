@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from collections.abc import Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,8 @@ from allegro_twin.learning.tasks.base import Flags, Task, Ticks
 from allegro_twin.learning.tasks.scenes import (
     FACING,
     THING,
+    add_variant,
+    apart,
     make_worlds,
     palm_height,
     palm_turn,
@@ -42,14 +45,8 @@ from allegro_twin.learning.tasks.vectors import length, rotate_vectors
 from allegro_twin.sim.batch.core import Rows
 from allegro_twin.sim.batch.link_contacts import LinkContacts
 from allegro_twin.sim.objects import catalogue
-from allegro_twin.types import Array
-
-if TYPE_CHECKING:
-    import mujoco
-from collections.abc import Sequence
-from typing import Any
-
 from allegro_twin.sim.objects.catalogue import GraspObject
+from allegro_twin.types import Array
 
 ON_PALM = 0.005
 """m. An object whose lowest point is less than this above the palm's surface counts as on the palm. Episodes begin 8 mm
@@ -143,8 +140,11 @@ class InHandTask(Task):
         usual = (self.in_fingertips if self.spec.model == HAND else OF_OTHERS) if self._palm_ends else OF_PALM
         chosen = settings.objects or usual
         self._n_choices = len(chosen)
-        for choice in chosen:
-            self._add_object(in_hand_object(choice), n, threads)
+        things = [in_hand_object(choice) for choice in chosen]
+        for thing in things:  # Before the first search, which takes its time.
+            _check_together(thing, things[0])
+        for thing in things:
+            self._add_object(thing, n, threads)
         self.interface = self._interface(step=self.step)
         self._lower, self._upper = (self.worlds.xp.asarray(limit) for limit in (self.spec.lower, self.spec.upper))
         self.thing = self.worlds.free_body(THING)
@@ -281,7 +281,9 @@ class InHandTask(Task):
                                   "episode takes one near what is asked for")  # fmt: skip
 
     def add_object(self, choice: ObjectChoice, grasp: str | None) -> None:
-        self._add_object(in_hand_object(choice), self.n, 1)
+        thing = in_hand_object(choice)
+        _check_together(thing, self._things[0])
+        self._add_object(thing, self.n, 1)
         self.added.append((choice, grasp))
 
     def _add_object(self, thing: catalogue.GraspObject, n: int, threads: int) -> None:
@@ -292,18 +294,17 @@ class InHandTask(Task):
                 f"{thing.name} is too large for {self.name}: {longest * 1000:.0f} mm long; "
                 f"at most {LARGEST * 1000:.0f} mm can be"
             )
-        if any((thing.shape == "mesh") != (other.shape == "mesh") for other in self._things):
-            raise ConfigError(
-                f"{thing.name} and {self._names[0]} are not in one batch, for one of them is a mesh: make "
-                f"environments with objects=({thing.name!r},)"
-            )
         search: Search = CRADLE if self.settings.grip == "cradle" else FINGERTIPS
         kind = (search, TEST if self.settings.starts == "test" else TRAIN) if self._palm_ends else (ANYHOW, ALL)
         self._sizes = kind[1].sizes
         states = load_start_states(thing, self.settings.side, *kind, self.spec.model_reference)
         # On a device all simulations have geoms of the same types.
         mixed = self.settings.device != "cpu" and self._n_choices > 1 and thing.shape in catalogue.SIZES_OF_KIND
-        self._add(upturned_model(self.spec, thing, (0.0, 0.0, 0.1), self.settings, every_shape=mixed), n, threads)
+        model = upturned_model(self.spec, thing, (0.0, 0.0, 0.1), self.settings, every_shape=mixed)
+        if self._names:
+            add_variant(self.worlds, model, thing.name, self._names[0])
+        else:
+            self.worlds = make_worlds(self.spec, model, n, threads, self.settings)
         self._held.append(states)
         self._table = None
         self._things.append(thing)
@@ -326,11 +327,12 @@ class InHandTask(Task):
             self._table = StartStates(**parts)
         return self._table
 
-    def _add(self, model: mujoco.MjModel, n: int, threads: int) -> None:
-        if self._names:
-            self.worlds.add(model)
-        else:
-            self.worlds = make_worlds(self.spec, model, n, threads, self.settings)
+
+def _check_together(thing: catalogue.GraspObject, first: catalogue.GraspObject) -> None:
+    """Raises ConfigError for a mesh beside something else."""
+    shapes = {(each.shape, each.file, each.scale, each.collision) for each in (first, thing)}
+    if len(shapes) > 1 and any(shape == "mesh" for shape, *_ in shapes):
+        raise apart(thing.name, first.name, "scenes of one batch share their meshes")
 
 
 def in_hand_object(choice: ObjectChoice) -> catalogue.GraspObject:

@@ -20,7 +20,7 @@ from allegro_twin.learning.environments.settings import EnvSettings, Level, Rese
 from allegro_twin.learning.policy.card import GraspScript
 from allegro_twin.learning.policy.script import SampledScript, closing_moves, closing_time, sample_script, script_table
 from allegro_twin.learning.tasks.base import Flags, Task
-from allegro_twin.learning.tasks.scenes import THING, TaskScene, known_scenarios, make_worlds
+from allegro_twin.learning.tasks.scenes import THING, TaskScene, add_variant, known_scenarios, make_worlds
 from allegro_twin.sim.batch.core import Rows
 from allegro_twin.sim.batch.link_contacts import LinkContacts
 from allegro_twin.sim.contact.contacts import penetration_depth
@@ -210,7 +210,7 @@ class ScriptedClosingTask(Task):
         if choice not in known_scenarios(self.spec.model):  # Those of the catalogue fit their own grasps.
             self._check_fit(scene, 1.0)
         if self.scenes:
-            self.worlds.add(scene.model)
+            add_variant(self.worlds, scene.model, scene.thing, self.scenes[0].thing)
         self._numbers[choice, grasp] = len(self.scenes)
         self.scenes.append(scene)
         moves, period = closing_moves(scene.grasp, self.wait, self.squeeze), self.settings.period

@@ -62,10 +62,9 @@ class CpuBatch(SharedModelBatch):
     def add(self, model: mujoco.MjModel) -> int:
         sizes = [(m.nq, m.nv, m.nu, m.nbody, m.ngeom, m.njnt, m.nM) for m in (self.model, model)]
         if sizes[0] != sizes[1]:
-            raise ConfigError(f"scenes of one batch must have the same layout; {sizes[1]} is not {sizes[0]}")
+            raise ConfigError("scenes of one batch must have the same layout")
         if not _same_meshes(self.model, model):
-            raise ConfigError("scenes of one batch share their meshes, and these have different ones: "
-                              "make an environment for each mesh")  # fmt: skip
+            raise ConfigError("scenes of one batch share their meshes")
         for name in batch.MODEL_FIELDS:
             if name.startswith("opt.") or name in self._rows or name in _SKIPPED:
                 continue

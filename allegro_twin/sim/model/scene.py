@@ -156,6 +156,8 @@ def compile_scene(spec: HandSpec, stage: Stage, mounted: MountedHand | None = No
             model = compile_model(scene)
     except ValueError as error:
         raise ConfigError(f"scene of {spec.name}: {str(error).strip().splitlines()[0]}") from error
+    if stage.presented:
+        _hold_by_centre(model, stage.things[0].thing.name)
     for each in (spec,) if mounted is None else (spec, mounted.hand):
         if "torque" not in each.commands:
             limit_forces(model, each)
@@ -235,3 +237,10 @@ def _add_presenter(spec: mujoco.MjSpec, placement: PlacedObject) -> None:
         solref=[-_STIFFNESS, -2 * _STIFFNESS**0.5],
         solimp=[_IMPEDANCE, _IMPEDANCE, 0.001, 0.5, 2],
     )
+
+
+def _hold_by_centre(model: mujoco.MjModel, thing: str) -> None:
+    """Hold a presented thing by its centre of mass, which only the compiled model has: held elsewhere its weight would
+    turn it, for the hold is soft."""
+    hold = model.equality(PRESENTER)
+    hold.data[:3] = hold.data[3:6] = model.body(thing).ipos  # In the thing and in the presenter, who stand alike.

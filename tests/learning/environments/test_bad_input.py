@@ -208,7 +208,7 @@ def test_a_mesh_has_a_batch_of_its_own_and_leaves_this_one_as_it_was() -> None:
     env, other = HandEnv("Rotate", timestep=0.003), HandEnv("Rotate", timestep=0.003)
     for each in (env, other):
         each.reset(seed=0)
-    with pytest.raises(ConfigError, match=r"one of them is a mesh: make environments with objects=\('hex_nut',\)"):
+    with pytest.raises(ConfigError, match=r"hex_nut are not of one environment .*: make one environment for each"):
         env.reset(options={"object": "hex_nut"})
     seen, same = env.reset(seed=1)[0], other.reset(seed=1)[0]
     np.testing.assert_array_equal(seen, same)
@@ -308,6 +308,11 @@ def test_only_tasks_with_goals_compute_rewards() -> None:
     assert not hasattr(HandEnv("Lift", **LEMON), "compute_reward")
 
 
+CORNERS = [(x, y, z) for x in (-0.025, 0.025) for y in (-0.025, 0.025) for z in (-0.025, 0.025)]
+FACES = [(1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4)]
+CUBE = "\n".join([*(f"v {x} {y} {z}" for x, y, z in CORNERS), *(f"f {a} {b} {c} {d}" for a, b, c, d in FACES)])
+
+
 def test_two_meshes_in_one_batch_are_refused_instead_of_one_standing_for_both(tmp_path: Path) -> None:
     meshes = []
     for name, high in (("low", 0.03), ("high", 0.05)):
@@ -315,9 +320,22 @@ def test_two_meshes_in_one_batch_are_refused_instead_of_one_standing_for_both(tm
         file = tmp_path / f"{name}.obj"
         file.write_text(corners + "f 1 2 3\nf 1 3 4\nf 1 4 5\nf 1 5 2\nf 2 5 4\nf 2 4 3\n")
         meshes.append({"name": name, "shape": "mesh", "file": file, "like": "golf_ball"})
-    with pytest.raises(ConfigError, match="make an environment for each mesh"):
-        HandEnv("Grasp", objects=tuple(meshes))
+    refused = "objects low and high are not of one environment .*: make one environment for each mesh"
+    for task in ("Grasp", "Lift", "Rotate"):
+        with pytest.raises(ConfigError, match=refused):
+            HandVectorEnv(task, 2, objects=tuple(meshes))
     HandEnv("Grasp", objects=(meshes[0],))
+
+
+@pytest.mark.parametrize("task", ["Grasp", "Lift", "Pinch", "HoldDisturbed", "Rotate"])
+def test_a_mesh_and_another_object_in_one_environment_are_refused_by_name(task: str, tmp_path: Path) -> None:
+    (tmp_path / "die.obj").write_text(CUBE)
+    die = {"name": "die", "shape": "mesh", "file": str(tmp_path / "die.obj"), "mass": 0.1, "like": "rubiks_cube"}
+    soap = {"name": "soap", "shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.1, "like": "rubiks_cube"}
+    for objects, first, second in (((soap, die), "soap", "die"), ((die, "golf_ball"), "die", "golf_ball")):
+        refused = f"objects {first} and {second} are not of one environment .*: make one environment for each mesh"
+        with pytest.raises(ConfigError, match=refused):
+            HandEnv(task, objects=objects)
 
 
 def test_more_simulations_than_there_is_memory_for_are_refused_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:

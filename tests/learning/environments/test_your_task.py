@@ -202,3 +202,30 @@ def test_a_mesh_keeps_its_size_and_says_so(tmp_path: Path) -> None:
         env.reset(options={"size": 0.9})
     cube = HandEnv("Lift", objects=("rubiks_cube",), randomise={"size": (0.8, 0.9)}, timestep=0.003)
     assert 0.8 <= cube.reset(seed=0)[1]["randomised"]["size"] <= 0.9
+
+
+WEDGE = [(-0.025, y, z) for y in (-0.025, 0.025) for z in (-0.025, 0.025)] + [
+    (0.025, y, -0.025) for y in (-0.025, 0.025)
+]
+WEDGE_FACES = [(1, 2, 4), (1, 4, 3), (1, 3, 6), (1, 6, 5), (2, 5, 6), (2, 6, 4), (1, 5, 2), (3, 4, 6)]
+
+
+def test_a_mesh_whose_weight_is_off_its_middle_is_presented_without_turning(tmp_path: Path) -> None:
+    path = tmp_path / "wedge.obj"
+    lines = [f"v {x} {y} {z}" for x, y, z in WEDGE]
+    path.write_text("\n".join([*lines, *(f"f {a} {b} {c}" for a, b, c in WEDGE_FACES)]))
+    wedge = {"name": "wedge", "shape": "mesh", "file": str(path), "mass": 0.1, "like": "rubiks_cube"}
+    env = HandEnv("Grasp", objects=(wedge,), level="easy", position_noise=0.0)
+    env.reset(seed=0)
+    task = env.engine.task
+    assert task.thing is not None
+    before = task.thing.pose[0].copy()
+    for _ in range(int(0.5 / (task.settings.period * task.settings.decimation))):  # The fingers wait for 0.6 s.
+        env.step(np.zeros(16, np.float32))
+    turned = 2.0 * np.arccos(min(1.0, abs(task.thing.pose[0, 3:] @ before[3:])))
+    assert np.degrees(turned) < 1.0
+
+
+def test_objects_of_the_catalogue_are_presented_by_their_middle() -> None:
+    for model in HandEnv("Grasp").engine.task.worlds.models:
+        np.testing.assert_array_equal(model.equality("presenter").data[:6], np.zeros(6))
