@@ -9,6 +9,10 @@ joints; the filter's gains alone are of the simple model. The disturbance is the
 Of a joint at rest dry friction holds any torque up to its own, so the least that explains the reports is told: there
 d ← d − (T / FORGET) d, or the engine's friction, which creeps under a load, would wind it up until nothing is held.
 
+The hand's dry friction may creep, too, and faster than the model's: slower than REST a loaded joint goes on at some
+mrad/s. That is no touch. So a joint at rest without bristles may go along its load at up to SOFT · load / inertia, as
+much as its disturbance asks for.
+
 Where friction has bristles (`lugre_friction`) they lose z |v| T / bristle in a period, so the noise of corrected
 speeds, 7 mrad/s, would unbend them within 0.2 s of a rest, and the disturbance would hold what they held: 40 mN·m. So
 bristles of joints at rest are springs, ż = v, as those of Dupont et al. 2002 (Single state elastoplastic
@@ -42,6 +46,11 @@ CREEP = 0.02
 """rad/s over which friction without bristles changes its side."""
 FORGET = 0.5
 """s. Ours: long beside the 60 ms in which a push is to be seen, short beside the 5 s in which 10 mN·m wound up."""
+SOFT = 1.25 / 947.0
+"""s: over the inertia at a joint the speed at which dry friction may creep under a load, 1/(N·m·s). MuJoCo's with its
+usual solver parameters creeps by 1/947 (a stationary speed v, held by v d b / (1 - d), with d = 0.9 and b = 105/s)."""
+CREEPS = (1.05, 10.5)
+"""Gains, 1/(N·m·s) and 1/(N·m·s²), with which the speed of a creeping joint follows its disturbance: it takes 0.1 s."""
 UNSURE = 0.25
 """Share of F_s by which bristles may hold another torque than the hand's. Ours: they are bent otherwise by up to 0.14
 of it (docs/explanation/mirror.md)."""
@@ -100,6 +109,8 @@ class StateObserver:
         """Standard deviation of reported positions, (n,), rad."""
         self._kalman, self._inertia = self._filter(spec, drive, period)
         self._offset = drive.offset
+        self._softness = SOFT * self._model.dof_invweight0[self._player.dofs]
+        self._crept = np.zeros(spec.n_joints)
         self.period, self.torque_constant = period, drive.torque_constant
         self.held = UNSURE * drive.frictionloss * drive.stiction if bristly else np.zeros(spec.n_joints)
         """How far off friction that breaks away may be in a joint at rest, (n,), N·m."""
@@ -119,6 +130,7 @@ class StateObserver:
         mujoco.mj_resetData(self._model, self._data)
         self._data.qpos[self._player.qpos] = position - self._offset
         zero, self._time = np.zeros(len(position)), time
+        self._crept = zero.copy()
         self._sent: deque[Vector] = deque([zero] * (BEFORE + 1), maxlen=BEFORE + 1)
 
     @property
@@ -176,6 +188,8 @@ class StateObserver:
         data.qvel[player.dofs] += gains[1] * error
         speed = data.qvel[player.dofs].copy()
         rests = np.exp(-np.square(speed / REST))
+        if not player.bristly:
+            data.qpos[player.qpos] += self.period * self._creep(rests)
         if player.bristly:
             sprung = np.clip(bent + went, -self._drive.bristle, self._drive.bristle)
             data.act[player.bristles] += rests * (sprung - data.act[player.bristles])
@@ -184,6 +198,18 @@ class StateObserver:
         pushed += np.where(stopped, 0.0, gains[2] * error)
         data.qfrc_applied[player.dofs] = pushed
         return Estimate(predicted, data.qpos[player.qpos].copy(), pushed, speed, self._side(speed))
+
+    def _creep(self, rests: Vector) -> Vector:
+        """Speed at which the hand's joints creep under their load in friction, (n,), rad/s: as much of a disturbance
+        as that explains, and none that points against the load. `rests`: how much each of them rests, 0 to 1."""
+        data, dofs = self._data, self._player.dofs
+        pushed = data.qfrc_applied[dofs]
+        load = data.qfrc_smooth[dofs] - pushed
+        most = np.minimum(np.abs(load), self._model.dof_frictionloss[dofs]) * self._softness
+        along, crept = np.sign(load) * pushed, np.maximum(np.sign(load) * self._crept, 0.0)
+        crept = rests * np.clip(crept + CREEPS[1] * self.period * along, 0.0, most)
+        self._crept = np.sign(load) * crept
+        return np.asarray(np.sign(load) * rests * np.clip(crept + CREEPS[0] * along, 0.0, most))
 
     def alone(self, duty: Vector, gravity: Vector) -> Estimate:
         """A period that no report ends: the disturbance goes on as it is."""

@@ -26,6 +26,7 @@ from allegro_twin.twin.mirror.fault_signatures import (
 from allegro_twin.twin.mirror.faults import (
     JUMP,
     MOVING,
+    PUSHED,
     ROW,
     STILL,
     Fault,
@@ -83,8 +84,11 @@ SLIPS = 1.0
 """s without a sign of a slip after which it is over, and the next one is another."""
 SILENT = 0.1
 """s without a report of a joint after which that is said. Ours: single reports are lost."""
-FREES = 0.015
-"""rad by which a joint moves that is stuck no more: five times what a stuck one does."""
+FREES = 0.04
+"""rad by which a joint moves that is stuck no more: twice what one creeps whose motor is dead."""
+RESTLESS, LOOKED = 0.3, 100
+"""Share of periods of a slow joint in which its reports differ from the last, above which they are noisy: those of a
+coarse encoder repeat, 0.9 and more of them. Periods that tell."""
 BLOCK, FEWEST = 20, 4
 """Evaluations of a block, 4.8 s, and fewest blocks of a free motion that give thresholds of shapes."""
 ENOUGH = 22.0  # s of free motion that contain this many at 3 ms, after a mirror has settled and filled a window.
@@ -182,6 +186,30 @@ class Thresholds(NamedTuple):
         return Thresholds(above, np.asarray(np.maximum(rare, cut.max(axis=0))), spread, held, noise)
 
 
+class RepeatedReports:
+    """Counts how often joints report the same to the last bit. An encoder whose reports were noisy and repeat for long
+    is frozen, whatever its finger does."""
+
+    def __init__(self, n: int) -> None:
+        self._run, self._slow, self._of, self._other = (np.zeros(n, dtype=int) for _ in range(4))
+
+    def add(self, same: NDArray[np.bool_], heard: NDArray[np.bool_], slow: NDArray[np.bool_]) -> None:
+        """Add a period: whether each joint reports the same as before, whether it reports, and whether it is slow."""
+        new, slow = heard & ~same, heard & slow
+        self._slow, self._other = self._slow + slow, self._other + (new & slow)
+        self._run = np.where(new, 0, self._run + (heard & same))
+        self._of = np.where(new, 0, self._of + (slow & same))  # Periods of the present run among the slow ones.
+
+    def lasting(self, periods: int) -> NDArray[np.bool_]:
+        """Joints that have reported the same for so many periods, (n,)."""
+        return np.asarray(self._run >= periods)
+
+    def frozen(self, periods: int) -> NDArray[np.bool_]:
+        """Of these the joints whose reports had noise before, (n,)."""
+        looked = self._slow - self._of
+        return self.lasting(periods) & (looked >= LOOKED) & (self._other > RESTLESS * looked)
+
+
 class FaultDetector:
     """Finds faults in the rows of a mirror. `thresholds`: of free motions; `period`: s; `compensates`: the mirror's
     model takes the sizes of faults that were named."""
@@ -196,6 +224,7 @@ class FaultDetector:
         self._rows: dict[str, NDArray[Any]]  # By field of `MirrorWindow`: the last LONGEST rows twice, so that any of
         # them are one slice.
         self._jump = JUMP * max(period / FASTEST, 1.0)
+        self._repeats = RepeatedReports(spec.n_joints)
         self._unheard, self._t, self._slid = np.full(spec.n_joints, np.nan), 0.0, -np.inf
         self.restart()
         self._right = np.zeros(len(spec.fingers), dtype=bool)  # Fingers that the file once described well.
@@ -266,6 +295,7 @@ class FaultDetector:
         jump = np.where(heard & (sped > most / 2.0) & (np.abs(off) > most), off, 0.0)
         if jump.any() and sum(jump[list(finger.joints)].any() for finger in self._spec.fingers) > 1:
             jump = np.zeros(len(jump))  # Not several encoders at once: the hand met something, or a period was lost.
+        self._repeats.add(state.position == self._at, heard, np.abs(v) < MOVING)
         self._at = np.where(heard, state.position, self._at)
         self._went = np.where(heard, went / np.maximum(since, 1), self._went)
         self._periods.append(
@@ -305,7 +335,10 @@ class FaultDetector:
                     self.faults.end("slip", each.joint, self._t)
 
     def _name(self, found: Fault, begin: float, t: float) -> None:
-        """Name a fault, unless it was named or follows from one that was."""
+        """Name a fault, unless it was named or follows from one that was. An encoder that repeats its last value makes
+        a posture that is not the finger's: names that its finger got since then are withdrawn."""
+        if found.name == "stuck" and self._repeats.lasting(ROWS * ROW)[found.joint]:
+            self.faults.end_since(begin, found.joint, t)
         if self.faults.add(found, begin, t) and found.name in (*CHANGES, *HIDES):
             self._forget_all() if found.name == "supply" else self._forget(found.joint)
             if found.name in ("weak", "friction", "payload"):
@@ -398,7 +431,14 @@ class FaultDetector:
     def _name_direct(self, window: MirrorWindow) -> set[int]:
         """Name what is visible without shapes. Returns fingers of which the next evaluation tells more."""
         wait = set()
-        for found in direct_faults(window, self._spec):
+        pushed = np.abs(window.disturbance).max(axis=0)
+        works = np.maximum(np.ptp(window.torque, axis=0), pushed) > PUSHED
+        frozen = self._repeats.frozen(ROWS * ROW) & np.array([
+            works[list(self._spec.fingers[self._spec.finger_of(joint)].joints)].any()
+            for joint in range(self._spec.n_joints)
+        ])  # fmt: skip
+        repeats = [Fault("stuck", int(joint), float(pushed[joint])) for joint in np.flatnonzero(frozen)]
+        for found in (*direct_faults(window, self._spec), *repeats):
             finger = self._spec.finger_of(found.joint)
             if _may_be_fall(found, window):
                 wait.add(finger)
@@ -492,7 +532,10 @@ class FaultDetector:
         return True
 
     def _name_signature(self, finger: int) -> None:
-        """Name the fault of a finger whose shape the rows since its first sign have."""
+        """Name the fault of a finger whose shape the rows since its first sign have, and whose posture is known."""
+        unknown = self.faults.hidden & self._repeats.lasting(ROWS * ROW)
+        if unknown[list(self._spec.fingers[finger].joints)].any():
+            return
         waited = int(self._count - self._sign[finger])
         window = self._last(min(max(SOONEST, waited), LONGEST))
         own = np.where(np.arange(len(self._quiet)) == finger, self._quiet, np.inf)

@@ -90,6 +90,12 @@ class FaultList:
             if (each.name, each.joint) == (name, joint):
                 self._replace(each, each, t)
 
+    def end_since(self, since: float, joint: int, t: float) -> None:
+        """End faults with a shape of a joint's finger that were named after a time, s."""
+        for each in [report for report in self.reports if report.ended == np.inf and report.named > since]:
+            if each.fault.name in SHAPED and each.fault.joint in self.fingers(joint):
+                self._replace(each.fault, each.fault, t)
+
     def _replace(self, old: Fault, new: Fault, ended: float) -> None:
         where = next(k for k, each in enumerate(self.reports) if each.fault is old and each.ended == np.inf)
         self.reports[where] = self.reports[where]._replace(fault=new, ended=ended)

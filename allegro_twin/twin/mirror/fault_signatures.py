@@ -57,6 +57,9 @@ LEAST = {"weak": 0.1, "friction": 0.008, "payload": 0.002}  # 1, N·m, kg: small
 LATEST, HIDDEN, MISSING = 8, 0.08, 0.5
 """Rows at a window's end; N·m that friction hides in a finger at rest (`slip_detection.PRESSED`); share of a fault's
 effect that may lack there: twice what a size may be wrong by, and the disturbance follows its cause."""
+AS_WELL, BETTER = 20.0, 0.25
+"""Squares, in those that remain per row, by which friction must explain more than a steady push on the same finger; and
+share of what another fault leaves that a steady push must leave to be the likelier one. Ours: e¹⁰ times as likely."""
 _TINY = 1e-12
 MANY, FINGERS = 5, 3  # Joints with a fault, on this many fingers: then the file is wrong.
 
@@ -100,9 +103,27 @@ def signature_fault(window: MirrorWindow, quiet: Vector, spec: HandSpec) -> Faul
         return None
     if most.name == "friction" and not overcomes(most.joint, most.amount, spec):
         return None
+    if _is_push(window, most, spec):
+        return None
     finger = next(f.name for f in spec.fingers if most.joint in f.joints)
     others = max((each.gain for each in found[finger] if each is not most), default=0.0)
     return Fault(most.name, most.joint, most.amount, (most.gain - others) / max(most.left, NOISE**2), most.gain)
+
+
+def _is_push(window: MirrorWindow, found: SignatureGain, spec: HandSpec) -> bool:
+    """Whether steady torques on a finger's joints explain its disturbances as well as a fault: friction in strokes of
+    one direction is one; a weight turns with its link, and a motor's share changes with its torque."""
+    own = list(spec.fingers[spec.finger_of(found.joint)].joints)
+    moving = _moving(window)[:, own]
+    count, window = moving.sum(), _weighted(window)
+    side, d = np.where(moving, _delay(window.side)[:, own], 0.0), np.where(moving, window.disturbance[:, own], 0.0)
+    steady = np.broadcast_to(window.weight, window.disturbance.shape[1:])[own] * moving
+    size = _product(steady, steady, side)
+    push = float((np.square(_product(steady, d, side)) / np.maximum(size, _TINY)).sum())
+    noise, left = NOISE**2, count * found.left
+    if found.name == "friction":
+        return found.gain - push < AS_WELL * max(found.left, noise)
+    return push - found.gain > AS_WELL * noise and left - (push - found.gain) < BETTER * left
 
 
 def carries(window: MirrorWindow, joint: int, mass: float, spec: HandSpec) -> bool:

@@ -28,6 +28,14 @@ FOLLOWS, TAKES = 0.9, 0.3
 hands 40-44 and 200-209: 0.96 and more, 0.4 to 1.1."""
 JUMP = 0.01  # rad in a period, an acceleration to 3.3 rad/s at once: no joint moves so.
 STILL, PUSHED = 0.003, 0.03  # rad that a stuck joint moves at most; N·m that its motor must push in the mean.
+CREPT, HARD = 0.02, 0.3
+"""rad that a joint whose motor is dead creeps at most in soft friction, and the share of its motor's limit by which its
+torque then must change. Ours: 16 mrad with joints of plain MuJoCo."""
+CANCELS = (0.95, 0.7)
+"""As FOLLOWS and TAKES, for a joint that creeps, or that a finger holds."""
+WAYS = 0.25
+"""Share of its motor's limit that a joint resists both ways, though its finger holds something: an object only
+pushes."""
 SINGLE = 0.9  # Share of a finger's squares on one joint: a contact pushes the joints before it, too.
 HOT = 70.0  # °C. From here on the manufacturer's driver throttles; docs/reference/can_protocol.md.
 
@@ -109,7 +117,7 @@ def fault_text(found: Fault, spec: HandSpec) -> str:
         case "weak":
             return f"the motor of {joint} gives {100 * (1 - found.amount):.0f} % of its torque"
         case "stuck":
-            return f"{joint} is stuck, or its encoder repeats its last value"
+            return f"{joint} does not follow its motor: it is stuck, its motor is dead, or its encoder repeats a value"
         case "encoder_step":
             return f"the encoder of {joint} jumped by {1000 * found.amount:+.0f} mrad"
         case "payload":
@@ -142,9 +150,8 @@ def direct_faults(window: MirrorWindow, spec: HandSpec) -> list[Fault]:
     found += [
         Fault("encoder_step", int(joint), float(largest[joint])) for joint in np.flatnonzero(np.abs(largest) > JUMP)
     ]
-    if not holds_object(window):
-        push = np.abs(window.disturbance).max(axis=0)
-        found += [Fault("stuck", joint, float(push[joint])) for joint in _stuck(window, spec)]
+    push = np.abs(window.disturbance).max(axis=0)
+    found += [Fault("stuck", joint, float(push[joint])) for joint in _stuck(window, spec)]
     return found
 
 
@@ -169,11 +176,18 @@ def still_joints(window: MirrorWindow) -> NDArray[np.bool_]:
 
 
 def _stuck(window: MirrorWindow, spec: HandSpec) -> list[int]:
-    """Joints that do not move, and whose disturbance cancels their motor's torque. A joint that friction holds in both
-    hand and mirror has no such disturbance."""
+    """Joints that do not move, or creep, and whose disturbance cancels their motor's torque. A joint that friction
+    holds in both hand and mirror has no such disturbance; what fingers hold may make one, but only one way."""
     push, torque = np.abs(window.disturbance).mean(axis=0), window.torque - window.torque.mean(axis=0)
-    d = window.disturbance - window.disturbance.mean(axis=0)
-    along, size = (d * torque).sum(axis=0), np.square(torque).sum(axis=0)
-    follows = along < -np.maximum(FOLLOWS * np.sqrt(size * np.square(d).sum(axis=0)), TAKES * size)
-    held = still_joints(window) & (push > PUSHED) & (np.ptp(window.torque, axis=0) > PUSHED)
-    return [int(joint) for joint in np.flatnonzero(held & follows & (finger_share(window, spec) > SINGLE))]
+    d, changes = window.disturbance - window.disturbance.mean(axis=0), np.ptp(window.torque, axis=0)
+    along, size, limit = (d * torque).sum(axis=0), np.square(torque).sum(axis=0), spec.actuation.torque_limit
+
+    def cancels(follows: float, takes: float) -> NDArray[np.bool_]:
+        return np.asarray(along < -np.maximum(follows * np.sqrt(size * np.square(d).sum(axis=0)), takes * size))
+
+    still = still_joints(window) & cancels(FOLLOWS, TAKES) & (changes > PUSHED)
+    slow = (np.ptp(window.position, axis=0) < CREPT) & cancels(*CANCELS)
+    alone = (finger_share(window, spec) > SINGLE) & (not holds_object(window))
+    least = np.minimum(window.disturbance.max(axis=0), -window.disturbance.min(axis=0))
+    found = (alone & (still | (slow & (changes > HARD * limit)))) | (slow & (least > WAYS * limit))
+    return [int(joint) for joint in np.flatnonzero(found & (push > PUSHED))]

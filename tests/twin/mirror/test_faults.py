@@ -256,7 +256,9 @@ def test_fingers_that_hold_something_have_no_shape_and_no_stuck_joint(spec: Hand
     assert signature_fault(free._replace(disturbance=weak), QUIET, spec) is not None
     assert signature_fault(free._replace(disturbance=weak, holds=both), QUIET, spec) is None
     still = np.where(np.arange(N) == 2, 0.0, free.position)
-    stuck = free._replace(disturbance=np.where(np.arange(N) == 2, -free.torque, free.disturbance), position=still)
+    press = free.torque + 0.2 * (np.arange(N) == 2)  # One way only.
+    pushed = np.where(np.arange(N) == 2, -press, free.disturbance)
+    stuck = free._replace(torque=press, disturbance=pushed, position=still)
     assert [found.name for found in direct_faults(stuck, spec)] == ["stuck"]
     assert not direct_faults(stuck._replace(holds=both), spec)
 
@@ -264,10 +266,70 @@ def test_fingers_that_hold_something_have_no_shape_and_no_stuck_joint(spec: Hand
 def test_a_joint_is_not_stuck_where_others_of_its_finger_are_pushed_as_well(spec: HandSpec) -> None:
     free = window()
     three = np.isin(np.arange(N), (1, 2, 3))
+    press = free.torque + 0.2 * three
     pressed = free._replace(
-        disturbance=np.where(three, -free.torque, free.disturbance), position=np.where(three, 0.0, free.position)
+        torque=press,
+        disturbance=np.where(three, -press, free.disturbance),
+        position=np.where(three, 0.0, free.position),
     )
     assert not direct_faults(pressed, spec)
+
+
+def test_a_joint_that_creeps_though_its_motor_works_hard_does_not_follow_it(spec: HandSpec) -> None:
+    """As one whose motor is dead does in soft friction."""
+    free, one = window(), np.arange(N) == 2
+    torque = np.where(one, 2.0 * free.torque + 0.15, free.torque)
+    creeps = free._replace(
+        torque=torque,
+        disturbance=np.where(one, -torque, free.disturbance),
+        position=np.where(one, np.linspace(0.0, 0.015, K)[:, None], free.position),
+    )
+    assert [(found.name, found.joint) for found in direct_faults(creeps, spec)] == [("stuck", 2)]
+    goes = np.where(one, np.linspace(0.0, 0.03, K)[:, None], free.position)
+    assert not direct_faults(creeps._replace(position=goes), spec)
+
+
+def test_what_a_finger_holds_only_pushes_and_what_resists_both_ways_is_the_joint(spec: HandSpec) -> None:
+    free, whole, held = window(), np.arange(N) < 4, np.ones((K, 4), dtype=bool)
+    torque = np.where(whole, 4.0 * free.torque, free.torque)
+    still = free._replace(
+        torque=torque,
+        holds=held,
+        disturbance=np.where(whole, -torque, free.disturbance),
+        position=np.where(whole, 0.0, free.position),
+    )
+    assert {found.joint for found in direct_faults(still, spec)} == {0, 1, 2, 3}
+    one_way = np.where(whole, torque + 0.4, torque)
+    assert not direct_faults(still._replace(torque=one_way, disturbance=np.where(whole, -one_way, 0.0)), spec)
+
+
+def frozen(spec: HandSpec, noise: float, count: float, *, holds: bool = True) -> list[tuple[str, int]]:
+    """Names of a hand whose encoders freeze after 3 s, while its motors work on."""
+    each, rng = FaultDetector(spec, Thresholds(np.full((2, N), 0.02), QUIET), 0.003), np.random.default_rng(2)
+    weights, position = LinkWeights(np.zeros((N, N)), None, np.ones(N, dtype=bool), np.zeros(3)), np.zeros(N)
+    for tick in range(1800):
+        t = 0.003 * tick
+        if t < 3.0 or not holds:
+            position = count * np.round((0.3 + noise * rng.standard_normal(N)) / count)
+        torque = np.full(N, 0.1 + 0.05 * t)
+        state = HandState(t, tick, position, np.zeros(N), torque, np.full(N, np.nan), np.zeros(3))
+        estimate = Estimate(position, position, -torque, np.zeros(N), np.zeros(N))
+        each.add(state, estimate, torque, np.zeros(N), weights if each.row_due else None)
+    return [(report.fault.name, report.fault.joint) for report in each.faults.reports]
+
+
+def test_noisy_encoders_that_repeat_to_the_bit_are_named_all_of_them_and_quiet_ones_are_not(spec: HandSpec) -> None:
+    assert sorted(frozen(spec, 5e-5, 9e-5)) == [("stuck", joint) for joint in range(N)]
+    assert not frozen(spec, 5e-5, 9e-5, holds=False)
+    assert not frozen(spec, 5e-5, 1.5e-3)
+
+
+def test_a_joint_whose_encoder_repeats_makes_no_names_for_its_neighbours(spec: HandSpec) -> None:
+    each = FaultList(spec, compensates=True)
+    for name, joint in (("payload", 5), ("weak", 9)):
+        each.add(Fault(cast(FaultName, name), joint, 0.5), 1.0, 2.5)
+    each.end_since(2.0, 6, 3.0)
+    assert [fault.joint for fault in each.active] == [9]
 
 
 def test_friction_that_no_file_knows_does_not_turn_a_payload_into_that_of_another_link(spec: HandSpec) -> None:

@@ -153,7 +153,7 @@ def test_what_looks_like_a_touch_of_a_finger_with_a_joint_whose_place_is_unknown
 
 def test_what_is_wrong_is_said_with_the_time_at_which_it_got_its_name(spec: HandSpec) -> None:
     _, line = lines(result(spec, np.full(N, 0.010), FaultReport(Fault("stuck", 3, 0.1), 0.9, 1.234)), spec)
-    said = "index_3 is stuck, or its encoder repeats its last value"
+    said = "index_3 does not follow its motor: it is stuck, its motor is dead, or its encoder repeats a value"
     assert line == f"Something is wrong: {said} (since 0.90 s, named at 1.23 s)."
 
 
