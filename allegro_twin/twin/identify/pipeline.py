@@ -33,7 +33,7 @@ from allegro_twin.twin.identify.results.uncertainty import (
     motion_coverage,
 )
 from allegro_twin.twin.identify.results.written_drive import WrittenDrive
-from allegro_twin.types import Vector
+from allegro_twin.types import Vector, frozen
 
 LEAST_USABLE = 0.5
 """Share of a recording's pieces that a fit needs."""
@@ -165,7 +165,7 @@ def _without_unfollowed(motion: RecordedMotion, excitation: Mapping[str, Any] | 
     """The motion, in which joints that did not follow the excitation are not trusted while they did not."""
     if excitation is None:
         return motion
-    good, t = motion.good.copy(), motion.period * np.arange(len(motion.position))
+    good, t = motion.good.copy(), frozen(motion.period * np.arange(len(motion.position)))
     found = unfollowed_joints(motion.spec, excitation, t, motion.position)
     for each in found:
         good[each.wrong, each.joint] = 0.0

@@ -17,7 +17,7 @@ from allegro_twin.types import Array, Vector
 
 WINDOW = 1.0  # s
 OFF = 0.75
-"""Of what a joint's own motion deviates from its mean, rms: further off in a window, it does not follow. Healthy hands
+"""Share of a joint's motion, rms about its mean: a joint that is further off in a window does not follow. Healthy hands
 stay below 0.35, with half of a motor's torque too; dead, reversed and frozen joints are above 1.5 (ours)."""
 
 
