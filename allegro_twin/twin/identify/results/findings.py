@@ -51,8 +51,9 @@ def describe(
 
 def describe_unfollowed(motions: Sequence[RecordedMotion]) -> Iterator[str]:
     """Joints that did not follow the excitation: nothing of them is written."""
-    labels, said = motions[0].spec.joint_labels, set[int]()
+    said = set[int]()
     for motion in motions:
+        labels = motion.spec.joint_labels
         for joint, how in motion.unfollowed:
             if joint not in said:
                 said.add(joint)
