@@ -19,7 +19,8 @@ from allegro_twin.grasping.batch.trials import run_cases
 from allegro_twin.grasping.verdict import TrialReport
 from allegro_twin.loop import run, to_the_end, until
 from allegro_twin.surfaces.cli.start.jobs import RunOptions as Options
-from allegro_twin.surfaces.cli.start.jobs import configs_of, outputs_in
+from allegro_twin.surfaces.cli.start.jobs import check_folder_outputs, configs_of, outputs_in
+from allegro_twin.surfaces.cli.start.run import _run
 from tests.drivers.can.test_two_processes import program
 from tests.patience import wait_for
 
@@ -77,6 +78,44 @@ def test_a_grasp_in_the_open_is_a_task_of_any_hand(tmp_path: Path) -> None:
         ends.append(list(until(rig.seconds, run(rig.backend, rig.controller)))[-1].state.position)
         rig.backend.close()
     assert abs(ends[0] - ends[1]).max() < 0.02
+
+
+def test_the_readmes_block_runs_with_the_line_for_a_real_hand(tmp_path: Path) -> None:
+    """Its adapter replaced by the virtual one."""
+    text = (Path(__file__).parents[1] / "README.md").read_text()
+    block = next(part for part in text.split("```yaml\n")[1:] if "# after" in part).partition("```")[0]
+    lines = [line.removeprefix("# ") for line in block.splitlines() if not line.startswith("backend")]
+    path = tmp_path / "readme.yaml"
+    path.write_text("\n".join(lines).replace("interface: socketcan, channel: can0", "interface: allegro-virtual"))
+    rig = assemble(load_config(path))
+    assert list(until(0.3, run(rig.backend, rig.controller)))
+    rig.backend.close()
+
+
+def test_outputs_that_a_backend_never_has_are_refused_before_anything_is_computed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def assembled(config: RunConfig) -> Rig:
+        raise AssertionError("it began")
+
+    monkeypatch.setattr("allegro_twin.app.assemble", assembled)
+    sim, replay = written(tmp_path, SIM, "{scenario: lemon}"), tmp_path / "replay.yaml"
+    replay.write_text("backend: {kind: replay, file: a.arrow}\ncontroller: {kind: limp}\n")
+    for config, out, wanted, said in (
+        (sim, tmp_path / "f", Outputs(record=tmp_path / "x.arrow"), "leave out --record"),
+        (sim, None, Outputs(wire_log=tmp_path / "x.log"), "only a hand on a CAN bus has frames to log"),
+        (replay, None, Outputs(image=tmp_path / "x.png"), "only a simulation can be rendered"),
+    ):
+        with pytest.raises(ConfigError, match=said):
+            _run([str(config)], Options(), wanted, out, 1)
+    assert not (tmp_path / "f").exists()
+
+
+def test_a_data_set_is_no_recording_and_the_way_to_one_is_named(tmp_path: Path) -> None:
+    (tmp_path / "set" / "meta").mkdir(parents=True)
+    config = written(tmp_path, f"{{kind: replay, file: {tmp_path / 'set'}}}", "{posture: home}")
+    with pytest.raises(ConfigError, match=r"export .*set one.arrow --episode 0` makes a recording of one episode"):
+        assemble(load_config(config))
 
 
 @pytest.mark.parametrize(
@@ -169,7 +208,7 @@ def test_a_recording_of_ones_own_beside_a_folder_of_them_is_refused(tmp_path: Pa
     rig = assemble(job.config)
     for name, wanted in (("record", Outputs(record=tmp_path / "x")), ("image", Outputs(image=tmp_path / "x"))):
         with pytest.raises(ConfigError, match=f"leave out --{name}"):
-            outputs_in(tmp_path, job, rig, wanted)
+            check_folder_outputs(wanted)
     kept = outputs_in(tmp_path, job, rig, Outputs(rrd=tmp_path / "x.rrd", wire_log=tmp_path / "x.blf"))
     assert (kept.rrd, kept.wire_log) == (tmp_path / "x.rrd", tmp_path / "x.blf")
 

@@ -41,6 +41,11 @@ def _recording(settings: ReplaySettings, context: BackendContext) -> Recording:
 
     if is_bag(settings.file):
         return from_bag(settings.file, context.spec(), context.period)
+    if settings.file.is_dir():
+        raise ConfigError(
+            f"{settings.file} is a folder, and no bag: of a data set `allegro-twin export {settings.file} one.arrow "
+            "--episode 0` makes a recording of one episode, which replays"
+        )
     path = find_file(settings.file, "recording", "out", ".arrow")
     return load(path, partial=settings.partial, track=settings.track)
 

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from allegro_twin.viewing.overlays import Mark
 
 
+_NOT_RENDERED = "only a simulation can be rendered; look at a recording with `allegro-twin view`"
 REACHED = 0.03
 """rad. A joint that is further from where it was to go is not there, as of a motion of `Hand`. Dry friction alone keeps
 the joints of a hand that closes its own loop up to 0.021 rad away (SIH, simulated)."""
@@ -252,6 +253,19 @@ def _missed(rig: Rig, config: RunConfig, last: HandState, motion: float) -> str:
     return f"{name} is not reached at {last.t:.1f} s: rad short: {joints} (more than {REACHED:g}){early}"
 
 
+def check_outputs(config: RunConfig, outputs: Outputs) -> None:
+    """Raise ConfigError for outputs that the config's backend never has, before anything is computed."""
+    replays = BACKENDS.kind(config.backend.kind).replays
+    if outputs.wire_log is not None and (replays or config.backend.kind == "sim"):
+        raise ConfigError(_no_frames(outputs.wire_log, config))
+    if replays and (outputs.image is not None or outputs.video is not None):
+        raise ConfigError(_NOT_RENDERED)
+
+
+def _no_frames(path: Path, config: RunConfig) -> str:
+    return f"{path}: only a hand on a CAN bus has frames to log, and a {config.backend.kind} hand has none"
+
+
 @contextmanager
 def _wire_logged(rig: Rig, config: RunConfig, outputs: Outputs) -> Iterator[None]:
     """Log the bus until the hand was closed within, so that its last words are in the log too."""
@@ -266,8 +280,7 @@ def _wire_logged(rig: Rig, config: RunConfig, outputs: Outputs) -> Iterator[None
             each(frame)
 
     if not rig.device.listen(hear):
-        kind = config.backend.kind
-        raise ConfigError(f"{path}: only a hand on a CAN bus has frames to log, and a {kind} hand has none")
+        raise ConfigError(_no_frames(path, config))
     from allegro_twin.drivers.can.tools.log import WireLog
 
     with closing_noted(WireLog(path, Path(getattr(config.backend, "channel", config.backend.kind)).name)) as log:
@@ -363,7 +376,7 @@ def _photographed(
         return samples
     try:
         if rig.sim is None and rig.episode is None:
-            raise ConfigError("only a simulation can be rendered; look at a recording with `allegro-twin view`")
+            raise ConfigError(_NOT_RENDERED)
         for name, wanted in (("PIL", outputs.image), ("av", outputs.video)):
             if wanted is not None:
                 import_module(name)

@@ -29,7 +29,11 @@ class GravityFeedforward:
     def check(self, state: HandState) -> None:
         """Raise ConfigError where the direction of gravity is unknown."""
         if self.vector is None and not np.isfinite(state.gravity).all():
-            raise ConfigError("this hand reports no gravity; give the controller a `gravity` vector in the palm frame")
+            raise ConfigError(
+                "this hand reports no gravity: have its IMU tell it (`backend.imu: 0.05`, CAN hands from v4 on), or, "
+                "where the palm does not turn, give its backend or the controller `gravity`, palm frame, m/s²; or "
+                "leave the weight uncarried, `controller.compensate: false`"
+            )
 
     def __call__(self, state: HandState) -> Vector:
         return self.torque_of(state.position, state.gravity if self.vector is None else self.vector)

@@ -124,7 +124,9 @@ def test_a_given_gravity_vector_replaces_what_the_hand_reports(spec: HandSpec, m
 
 def test_a_hand_that_reports_no_gravity_is_not_compensated_with_a_guess(spec: HandSpec) -> None:
     blind = state(gravity=np.full(3, np.nan))
-    with pytest.raises(ConfigError, match="give the controller a `gravity` vector"):
+    with pytest.raises(
+        ConfigError, match=r"IMU tell it \(`backend.imu: 0.05`.* its backend or the controller `gravity`"
+    ):
         GravityCompensation(gravity_of(spec)).start(blind)
     GravityCompensation(gravity_of(spec, frozen([0.0, 0.0, -9.81]))).start(blind)
 

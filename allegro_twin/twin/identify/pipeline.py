@@ -33,7 +33,7 @@ from allegro_twin.twin.identify.results.uncertainty import (
     motion_coverage,
 )
 from allegro_twin.twin.identify.results.written_drive import WrittenDrive
-from allegro_twin.types import Vector
+from allegro_twin.types import Vector, frozen
 
 LEAST_USABLE = 0.5
 """Share of a recording's pieces that a fit needs."""
@@ -144,8 +144,14 @@ def check_trusted(motions: Sequence[RecordedMotion]) -> None:
     if len(cuts.trust) and (share := cuts.trust.mean()) < LEAST_USABLE:
         raise ConfigError(
             f"{', '.join(motion.name for motion in motions)}: {100.0 * share:.0f} % of the fingers' rows can be used: "
-            "the others are at a limit of driver or joint; record again with `allegro-twin excite`"
+            f"the others are at a limit of driver or joint{_strays(motions)}; record again with `allegro-twin excite`"
         )
+
+
+def _strays(motions: Sequence[RecordedMotion]) -> str:
+    """Joints that did not follow, in words; empty without any."""
+    names = {motion.spec.joint_labels[joint]: None for motion in motions for joint, _ in motion.unfollowed}
+    return f", or have a joint that did not follow what it was told ({', '.join(names)})" if names else ""
 
 
 def _motions(paths: Sequence[Path], weights: Sequence[KnownWeight]) -> list[RecordedMotion]:
@@ -162,13 +168,13 @@ def _motions(paths: Sequence[Path], weights: Sequence[KnownWeight]) -> list[Reco
 
 
 def _without_unfollowed(motion: RecordedMotion, excitation: Mapping[str, Any] | None) -> RecordedMotion:
-    """The motion, in which joints that did not follow the excitation are not trusted while they did not."""
+    """The motion, in which joints that did not follow the excitation are not trusted: their motors, their encoders or
+    their wires are not what a model takes them for."""
     if excitation is None:
         return motion
-    good, t = motion.good.copy(), motion.period * np.arange(len(motion.position))
+    good, t = motion.good.copy(), frozen(motion.period * np.arange(len(motion.position)))
     found = unfollowed_joints(motion.spec, excitation, t, motion.position)
-    for each in found:
-        good[each.wrong, each.joint] = 0.0
+    good[:, [each.joint for each in found]] = 0.0
     return (
         replace(motion, good=good, unfollowed=tuple((each.joint, each.reason) for each in found)) if found else motion
     )

@@ -94,11 +94,12 @@ def values_table(found: Identification) -> str:
         left = f"<td class='n'>{found.fit.spread.residual[joint]:.1f} × noise</td>"
         lines.append(f"<tr><td>{escape(alias)}</td>{''.join(cells)}{left}</tr>")
     late = found.values["delay"]
+    delay = "not determined" if late.reason[0] else f"{1000 * late.value[0]:.2f} ± {1000 * late.half[0]:.2f} ms"
     return (
         "<h2>Values</h2><p class='soft'>± half of the 95 % interval; – is not determined, or not in a joint's model. "
         "In brackets: not determined, and yet written, for the part that was kept back is predicted no worse with it. "
         "Per k: for a torque constant of 1 N·m at full PWM. "
-        f"Delay {1000 * late.value[0]:.2f} ± {1000 * late.half[0]:.2f} ms.</p>"
+        f"Delay {delay}.</p>"
         f"<div class='wide'><table><thead><tr>{heads}</tr></thead><tbody>{''.join(lines)}</tbody></table></div>"
     )
 

@@ -323,7 +323,7 @@ def test_gravity_of_a_hand_that_reports_none_is_taken_from_the_controller(tmp_pa
     for controller, refused in (({"kind": "pid"}, True), ({"kind": "pid", "gravity": [0, 0, -9.81]}, False)):
         config.write_text(yaml.safe_dump({"backend": backend, "task": {"posture": "home"}, "controller": controller}))
         if refused:
-            with pytest.raises(ConfigError, match="give the controller a `gravity` vector"):
+            with pytest.raises(ConfigError, match="its backend or the controller `gravity`"):
                 joint_ends.find_limits(load_config(str(config)), 0.05, lambda t, total: None)
         else:
             joint_ends.find_limits(load_config(str(config)), 0.05, lambda t, total: None)

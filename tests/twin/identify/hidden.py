@@ -29,7 +29,7 @@ NOISY = {"encoder_noise": 1e-3}
 SHAPE = {"stiction": 1.5, "stribeck_speed": 0.14, "bristle": 1e-3, "load_friction": 0.06}
 
 
-def config(side: str = "right", drive: Mapping[str, float] | None = None) -> RunConfig:
+def config(side: str = "right", drive: Mapping[str, object] | None = None) -> RunConfig:
     truth = {
         "wire": {"torque_constant": CONSTANT.tolist()},
         "actuation": {

@@ -297,6 +297,7 @@ def test_nothing_is_told_of_a_joint_that_did_not_follow_nor_of_its_finger(comman
     assert "`identify` writes nothing of it" in errors
     motions = _motions([tmp_path / "up_1.arrow"], [])
     assert [joint for joint, _ in motions[0].unfollowed] == [7]
+    assert not motions[0].good[:, 7].any()
     looked = motion_coverage(motions, OpenLoopPlayer(motions[0].spec, 0.003)).unfollowed
     assert looked[7].startswith("it did not follow what it was told (up_1.arrow): for 1 s it was 0.")
     assert set(looked[4:7]) == {"middle_3 of its finger did not follow what it was told"}

@@ -22,7 +22,7 @@ from allegro_twin.recording.recorder import record
 from allegro_twin.sim.open_loop import BEFORE, OpenLoopPlayer
 from allegro_twin.surfaces.cli.twin import identification
 from allegro_twin.surfaces.cli.twin.commands import weight_of
-from allegro_twin.surfaces.cli.twin.identification import lines, table
+from allegro_twin.surfaces.cli.twin.identification import head_lines, lines, table
 from allegro_twin.twin.identify import pipeline, report
 from allegro_twin.twin.identify.joint_ends import refuse_another_hand
 from allegro_twin.twin.identify.motions.motion import LEAST_NOISE, RecordedMotion, _fill_gaps, noise_floor, read_motion
@@ -582,3 +582,24 @@ def test_a_hands_file_without_any_key_is_filled(text: str, tmp_path: Path) -> No
     hand_file.write_hand_file(file, result.fit, result.values, result.motions, "2026-01-02")
     assert file.read_text().startswith(text)
     assert "torque_constant" in yaml.safe_load(file.read_text())["wire"]
+
+
+@pytest.mark.slow
+def test_backlash_that_the_model_does_not_explain_is_not_determined_nor_is_the_delay_beside_it() -> None:
+    """Play with other laws than the model's was said to be 1.6 ± 0.6 mrad, and was 4."""
+    result = hidden.found()
+    looked = motion_coverage(motions(), OpenLoopPlayer(motions()[0].spec, 0.003))
+    left = np.where(np.arange(16) < 10, 8.0, 1.0)
+    play = replace(result.fit.drive, backlash=np.full(16, 1.6e-3))
+    loose = replace(result.fit, loose=True, drive=play, spread=replace(result.fit.spread, residual=left))
+    found = identified_values(loose, looked)
+    why = "the model leaves 8 times the noise, and no interval covers what else looks like backlash"
+    assert found["backlash"].reason[:10] == (why,) * 10
+    assert why not in found["backlash"].reason[10:]
+    assert found["delay"].reason == (why,)
+    assert identified_values(replace(loose, loose=False), looked)["delay"].reason == result.values["delay"].reason
+    said = replace(result, fit=loose, values={**found, "backlash": found["backlash"]._replace(reason=(why,) * 16)})
+    assert str(table(said).caption).startswith("delay not determined; ")
+    assert str(table(said).caption).endswith("backlash: seen, not determined")
+    assert next(head_lines(said)).startswith("Backlash behind the motors; how much is not determined.")
+    assert "Delay not determined." in report_page(said)

@@ -22,7 +22,7 @@ from allegro_twin.drivers.can.driver.interpreter import OTHERS
 from allegro_twin.drivers.can.driver.listener import Listener
 from allegro_twin.drivers.can.driver.lost_frames import Whole
 from allegro_twin.drivers.can.driver.shutdown import ShutdownSequence
-from allegro_twin.drivers.can.driver.startup import TRIES, ask, begin, identify, set_up
+from allegro_twin.drivers.can.driver.startup import ANSWER, TRIES, ask, begin, identify, set_up
 from allegro_twin.drivers.can.link.load import share
 from allegro_twin.drivers.can.link.shared_bus import BusPort
 from allegro_twin.drivers.can.tools import findings
@@ -147,7 +147,18 @@ class Checkup:
                 break
             for stamped in set_up(port, self._codec, settings):  # A frame of it may have been lost.
                 self._hear(stamped.frame, stamped.t)
-        return findings.fingers(self._heard(), reporting(self._listener.others))
+        if not any(self._heard()) and self._codec.identifies:
+            self._ask_motors()
+        return findings.fingers(self._heard(), reporting(self._listener.others), self._listener.motors)
+
+    def _ask_motors(self) -> None:
+        """A hand that does not report may answer all the same."""
+        self._listener.motors = None
+        for _ in range(TRIES):
+            self._port.send([self._codec.encode(m.Request(Topic.INFORMATION))])
+            deadline = self._port.link.now() + max(self._settings.timeout, ANSWER)
+            while self._listener.motors is None and self._port.link.now() < deadline:
+                self._next(deadline)
 
     def _watch(self) -> Finding:
         link, self._listener.serving = self._port.link, True

@@ -71,12 +71,19 @@ def identity(codec: Codec, found: m.Information | None, serial: str) -> Finding:
     return Finding("identity", f"{version}, {found.side or 'side untold'}, serial {serial or 'untold'}")
 
 
-def fingers(heard: Sequence[bool], instead: str) -> Finding:
-    """Which fingers report. `instead`: who else does, if none of them."""
+def fingers(heard: Sequence[bool], instead: str, motors: bool | None = None) -> Finding:
+    """Which fingers report. `instead`: who else does, if none of them; `motors`: whether they are on, says a hand that
+    answers but does not report."""
     silent = [name for name, known in zip(FINGERS, heard, strict=True) if not known]
     if not silent:
         return Finding("fingers", "all four report")
     if len(silent) == len(FINGERS):
+        if motors is not None and not instead:
+            text = f"none reports, though the hand answers that its motors are {'on' if motors else 'off'}"
+            if motors:
+                return Finding("fingers", text, "check cable, termination and version", LinkTimeout)
+            text += f": it was told {TRIES} times to switch them on"
+            return Finding("fingers", text, "switch the hand off and on; check its supply", HandFault)
         text = f"none reports{f', but {instead} does' if instead else ''}"
         remedy = "correct `backend.version` or `device`" if instead else "check power, cable, bitrate and version"
         return Finding("fingers", text, remedy, LinkTimeout)

@@ -24,6 +24,9 @@ from allegro_twin.types import Sample
 
 SUFFIXES = (".blf", ".log", ".asc")
 """Vector's binary logs, those of `candump -l`, and Vector's text logs."""
+_FLUSH, _CONTAINER = 128, 6144
+"""Frames, and bytes of a .blf's compressed block, after which what was heard goes to the file: a program that is killed
+loses 0.1 s of one hand's bus."""
 _READERS: dict[str, Any] = {".blf": can.BLFReader, ".log": can.CanutilsLogReader, ".asc": can.ASCReader}
 _BROKEN = (ValueError, IndexError, KeyError, struct.error, zlib.error, can.CanError, BLFParseError, EOFError)
 
@@ -45,12 +48,15 @@ class WireLog:
         check_suffix(path)
         self._path = path
         self._failed: OSError | None = None
+        self._frames = 0
         self._lock = threading.Lock()  # The deadman sends from its own thread.
         # Only candump's logs name the bus, by one word.
-        named: dict[str, Any] = {"channel": "_".join(bus.split())} if path.suffix == ".log" else {}
+        more: dict[str, Any] = {"channel": "_".join(bus.split())} if path.suffix == ".log" else {}
+        if path.suffix == ".blf":
+            more["max_container_size"] = _CONTAINER
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._writer: Any = can.Logger(str(path), **named)
+            self._writer: Any = can.Logger(str(path), **more)
         except OSError as error:
             raise RecordingError(f"cannot log the bus to {path}: {error.strerror}") from error
 
@@ -62,6 +68,9 @@ class WireLog:
             own.channel = None  # One bus a log, by one name.
             try:
                 self._writer.on_message_received(own)
+                self._frames += 1
+                if self._frames % _FLUSH == 0:
+                    self._writer.file.flush()
             except OSError as error:
                 self._failed = error
 

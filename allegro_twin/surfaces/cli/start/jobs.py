@@ -77,12 +77,16 @@ def _scenarios_for_hand(paths: list[Path], options: RunOptions) -> list[Path]:
     return own_scenarios(paths, options.hand)
 
 
-def outputs_in(folder: Path, job: RunJob, rig: Rig, outputs: Outputs) -> Outputs:
-    """The outputs of one run in a folder: a recording and a picture, named after the run. Raises ConfigError."""
-    stem = f"{job.name}_{rig.spec.side}" if rig.trial is not None else job.name
+def check_folder_outputs(outputs: Outputs) -> None:
+    """Raise ConfigError for outputs that a folder has anyway."""
     for name in ("record", "image"):
         if getattr(outputs, name) is not None:
             raise ConfigError(f"--out keeps a recording and a picture of each run: leave out --{name}")
+
+
+def outputs_in(folder: Path, job: RunJob, rig: Rig, outputs: Outputs) -> Outputs:
+    """The outputs of one run in a folder: a recording and a picture, named after the run."""
+    stem = f"{job.name}_{rig.spec.side}" if rig.trial is not None else job.name
     return replace(outputs, record=folder / f"{stem}.arrow", image=folder / f"{stem}.png", optional=True)
 
 

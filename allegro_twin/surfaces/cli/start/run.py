@@ -131,11 +131,16 @@ def run(
 
 def _run(targets: list[str], chosen: RunOptions, outputs: Outputs, out: Path | None, count: int | None) -> bool:
     """Run everything and write the outputs. Returns whether every run reached its goal."""
-    from allegro_twin.surfaces.cli.start.jobs import configs_of
+    from allegro_twin.app.session import check_outputs
+    from allegro_twin.surfaces.cli.start.jobs import check_folder_outputs, configs_of
     from allegro_twin.surfaces.cli.start.parallel import RunOutputs
     from allegro_twin.sweep.processors import core_count
 
+    if out is not None:
+        check_folder_outputs(outputs)
     jobs = configs_of(targets, chosen)
+    for job in jobs:
+        check_outputs(job.config, outputs)
     single = (outputs.record, outputs.image, outputs.video, outputs.rrd, outputs.wire_log, outputs.live)
     if len(jobs) > 1 and any(single):
         raise ConfigError(f"{len(jobs)} runs cannot share one output; use --out FOLDER")

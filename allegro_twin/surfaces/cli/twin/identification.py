@@ -131,9 +131,9 @@ def table(found: Identification) -> Table:
         ]
         made.add_row(_name(spec, joint), *cells, f"{found.fit.spread.residual[joint]:.1f}")
     late = found.values["delay"]
+    delay = "not determined" if late.reason[0] else f"{1000 * late.value[0]:.2f} ± {1000 * late.half[0]:.2f} ms"
     made.caption = (
-        f"delay {1000 * late.value[0]:.2f} ± {1000 * late.half[0]:.2f} ms; {found.fit.segments} pieces of 0.3 s; noise "
-        f"{1e6 * np.median(found.fit.floor):.0f} µrad"
+        f"delay {delay}; {found.fit.segments} pieces of 0.3 s; noise {1e6 * np.median(found.fit.floor):.0f} µrad"
     )
     if found.fit.bristly:
         made.caption += "; friction breaks away (LuGre)"
@@ -222,9 +222,11 @@ def _backlash(found: Identification) -> str:
     if not found.fit.loose:
         return "none seen"
     play, spec = found.values["backlash"], found.motions[0].spec
+    if not play.determined.any():
+        return "seen, not determined"
     sure = np.where(play.determined, play.value, 0.0)
     most = int(sure.argmax())
-    usual = float(np.median(sure[play.determined])) if play.determined.any() else 0.0
+    usual = float(np.median(sure[play.determined]))
     said = f"{1000 * usual:.1f} mrad in the median, {1000 * sure[most]:.1f} ± {1000 * play.half[most]:.1f} at most"
     return f"{said} ({_name(spec, most)})"
 

@@ -3,7 +3,6 @@ in simulation."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -14,7 +13,7 @@ import numpy as np
 from allegro_twin.control import laws
 from allegro_twin.control.controllers import GravityFeedforward, ReferenceMemory
 from allegro_twin.control.time_scaling import minimum_jerk
-from allegro_twin.control.trajectory import SetPoint
+from allegro_twin.control.trajectory import Path, SetPoint
 from allegro_twin.errors import ConfigError, WrongPose, unknown
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.orientation import quaternion_facing
@@ -145,7 +144,7 @@ class Excitation:
         self.gravity.check(state)
         return ReferenceMemory(self.path_from(state.position), state.t)
 
-    def path_from(self, position: Vector) -> Callable[[float], SetPoint]:
+    def path_from(self, position: Vector) -> Path:
         """Where the joints are to be, by the time since the beginning, s, from where they are, (n,), rad."""
         first, travel = frozen(position), self.middle + self.path(0.0)[0] - position
 

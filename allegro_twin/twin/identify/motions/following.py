@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from allegro_twin.control.controllers import GravityFeedforward
 from allegro_twin.kinematics.hand import hand_kinematics
@@ -17,7 +16,7 @@ from allegro_twin.types import Array, Vector
 
 WINDOW = 1.0  # s
 OFF = 0.75
-"""Of what a joint's own motion deviates from its mean, rms: further off in a window, it does not follow. Healthy hands
+"""Share of a joint's motion, rms about its mean: a joint that is further off in a window does not follow. Healthy hands
 stay below 0.35, with half of a motor's torque too; dead, reversed and frozen joints are above 1.5 (ours)."""
 
 
@@ -25,8 +24,6 @@ class UnfollowedJoint(NamedTuple):
     """A joint that did not do what the excitation told it."""
 
     joint: int
-    wrong: NDArray[np.bool_]
-    """Rows of windows in which it was too far off, (k,)."""
     off: float
     """Its error in the worst window, rms, rad."""
     how: str
@@ -58,11 +55,9 @@ def unfollowed_joints(
     off = np.sqrt((summed[rows:] - summed[:-rows]) / rows)  # (windows, n)
     found = []
     for joint in np.flatnonzero((off > OFF * told.std(axis=0)).any(axis=0)).tolist():
-        windows = off[:, joint] > OFF * told[:, joint].std()
-        wrong = np.convolve(windows, np.ones(rows)) > 0.0
         worst = slice(int(off[:, joint].argmax()), int(off[:, joint].argmax()) + rows)
         how = _describe(t, position[:, joint], told[:, joint], worst, (spec.lower[joint], spec.upper[joint]))
-        found.append(UnfollowedJoint(joint, wrong, float(off[:, joint].max()), how))
+        found.append(UnfollowedJoint(joint, float(off[:, joint].max()), how))
     return found
 
 

@@ -13,12 +13,11 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.fitting.extra_terms import PERIODS, WARM_UPS
 from allegro_twin.twin.identify.fitting.fit import DriveFit
 from allegro_twin.twin.identify.motions.motion import RecordedMotion
+from allegro_twin.twin.identify.results.uncertainty import LEFT as LEFT
 from allegro_twin.twin.identify.results.uncertainty import IdentifiedValue
 from allegro_twin.twin.identify.results.written_drive import BETTER, WrittenDrive
 from allegro_twin.types import Array, Vector
 
-LEFT = 3.0
-"""Times the noise: with more left over the model does not explain a joint."""
 _LEAST = {
     "bias_torque": 5e-4,
     "stiffness": 1e-3,
@@ -52,8 +51,9 @@ def describe(
 
 def describe_unfollowed(motions: Sequence[RecordedMotion]) -> Iterator[str]:
     """Joints that did not follow the excitation: nothing of them is written."""
-    labels, said = motions[0].spec.joint_labels, set[int]()
+    said = set[int]()
     for motion in motions:
+        labels = motion.spec.joint_labels
         for joint, how in motion.unfollowed:
             if joint not in said:
                 said.add(joint)
@@ -84,7 +84,7 @@ def describe_terms(
     elif found.bristly:
         yield _describe_breakaway(values, labels)
     if found.loose:
-        yield f"Backlash behind the motors, {_up_to(1e3 * drive.backlash, drive.backlash > 0.0, labels, 'mrad')}."
+        yield _describe_backlash(values, labels)
     if found.elastic:
         bends = _up_to(1e3 * drive.gear_compliance, drive.gear_compliance > 0.0, labels, "mrad a N·m")
         yield f"Teeth that bend, {bends}."
@@ -102,6 +102,14 @@ def describe_terms(
         size = _up_to(100.0 * drive.cold_friction, has, labels, "%")
         time = float(np.median(drive.warm_up[has]))
         yield f"Friction that is larger at first, by {size}, and falls in {time:.0f} s: warmth."
+
+
+def _describe_backlash(values: Mapping[str, IdentifiedValue], labels: tuple[str, ...]) -> str:
+    """Sentence on the backlash that was seen: its size where that is determined."""
+    play = values["backlash"]
+    if not (sure := play.determined & (play.value > 0.0)).any():
+        return "Backlash behind the motors; how much is not determined."
+    return f"Backlash behind the motors, {_up_to(1e3 * play.value, sure, labels, 'mrad')}."
 
 
 def _describe_breakaway(values: Mapping[str, IdentifiedValue], labels: tuple[str, ...]) -> str:

@@ -26,6 +26,8 @@ except ImportError as error:
     raise ConfigError("a twin needs SciPy: pip install 'allegro-twin[twin]'") from error
 
 BELIEVED = 1.1  # Times the noise that long pieces may leave. A converged fit leaves 0.9 to 1.1 (ours).
+LEFT = 3.0
+"""Times the noise: with more left over the model does not explain a joint."""
 SHORTEST = 10.0  # s of trusted motion, over all recordings.
 MOVED = 0.1  # rad
 SLOW, FAST = 0.05, 0.5  # rad/s. Friction shows below the one, damping above the other.
@@ -184,11 +186,18 @@ def identified_values(found: DriveFit, coverage: MotionCoverage) -> dict[str, Id
             has = found.extras.of_joints(name, len(k))
             half, sure = np.where(has, half, 0.0), np.where(has, sure, 0.0)
         unseen = [_unseen(name, j, coverage, loose=found.loose) for j in range(len(k))]
-        reasons = tuple(why or _wide(name, value[j], sure[j], errs[j]) for j, why in enumerate(unseen))
+        left = found.spread.residual if name in PLAY else np.zeros(len(k))
+        reasons = tuple(
+            why or _unexplained(left[j]) or _wide(name, value[j], sure[j], errs[j]) for j, why in enumerate(unseen)
+        )
         result[name] = IdentifiedValue(value, half, reasons, tuple(not why for why in unseen))
     late, half = found.drive.delay[:1], _half(found, "delay", found.covariance)
     size, usual = f"± {1000 * half[0]:.1f} ms", float(np.median(errs))
-    short = "" if half[0] < WIDEST_DELAY else _advise(size, "record more fast motion", half[0] < WIDEST_DELAY * usual)
+    # Play that the model does not explain is delay to it.
+    short = _unexplained(float(np.median(found.spread.residual))) if found.loose else ""
+    short = short or (
+        "" if half[0] < WIDEST_DELAY else _advise(size, "record more fast motion", half[0] < WIDEST_DELAY * usual)
+    )
     return result | {"delay": IdentifiedValue(late, half, (short,))}
 
 
@@ -286,6 +295,13 @@ def _lacks(name: str, joint: int, coverage: MotionCoverage) -> Iterator[str]:
                f"from {FAST} rad/s: `excite` moves it faster")  # fmt: skip
     if name in ("frictionloss", *SHAPE) and coverage.creeping[:, joint].min() <= 0.0:
         yield f"it never crept below {SLOW} rad/s, where friction shows: `excite` does"
+
+
+def _unexplained(residual: float) -> str:
+    """Why the size of backlash, or the delay beside it, is not told by its interval; empty where it is."""
+    if residual <= LEFT:
+        return ""
+    return f"the model leaves {residual:.0f} times the noise, and no interval covers what else looks like backlash"
 
 
 def _wide(name: str, value: float, half: float, errs: float) -> str:

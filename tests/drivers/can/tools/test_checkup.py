@@ -175,6 +175,17 @@ def test_motors_that_never_go_on_are_a_broken_row_and_a_frame_that_is_lost_is_se
     assert walked("v2")[0][5].text == "a v2 hand has not said whether they are on"
 
 
+def test_a_hand_that_answers_and_never_switches_its_motors_on_is_not_said_to_have_a_bad_cable() -> None:
+    last = broken(walked(deaf={m.ServoOn: math.inf})[0])
+    assert (last.name, last.broken) == ("fingers", HandFault)
+    assert last.text == (
+        "none reports, though the hand answers that its motors are off: it was told 3 times to switch them on"
+    )
+    assert last.remedy == "switch the hand off and on; check its supply"
+    last = broken(walked(deaf={m.SetPeriod: math.inf})[0])
+    assert last.text == "none reports, though the hand answers that its motors are on"
+
+
 def test_a_hand_that_must_not_be_driven_is_refused_before_its_motors_go_on() -> None:
     found, room = walked(faults={"script": [{"at": 0.0, "what": "joint_timeout"}]})
     last = broken(found)

@@ -21,7 +21,7 @@ from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
 from allegro_twin.drivers.can.opening import codec_of
-from allegro_twin.drivers.can.tools.log import SUFFIXES, WireLog, samples_of_log
+from allegro_twin.drivers.can.tools.log import SUFFIXES, WireLog, frames_of_log, samples_of_log
 from allegro_twin.drivers.can.tools.samples import Found
 from allegro_twin.errors import ConfigError, HandFault, RecordingError
 from allegro_twin.hands.description.calibration import FULL_SCALE, Version
@@ -86,6 +86,17 @@ def test_a_log_becomes_the_recording_that_the_run_itself_made(version: Version, 
     assert np.abs(wanted).max() > 10 * count
 
 
+def test_a_log_of_another_version_is_refused_where_its_joints_stand_beyond_their_ends(tmp_path: Path) -> None:
+    said = [each for k in range(20) for each in reports(0.003 * k, bend=0.5)]
+    log = candump(tmp_path / "v4.log", *said)
+    with pytest.raises(
+        RecordingError, match=r"v4.log: as a v5 hand's its joints stand up to 8\.\d rad .*: correct `backend.version`$"
+    ):
+        exported(can_config("v5"), log)
+    assert not (tmp_path / "exported.arrow").exists()
+    exported(can_config("v4"), log)
+
+
 def test_an_exported_log_replays_as_a_hand(tmp_path: Path) -> None:
     config = can_config("v4").model_copy(update={"seconds": 0.3})
     recording, _ = exported(config, logged(config, tmp_path, ".log")[1])
@@ -114,6 +125,26 @@ def test_a_log_ends_with_the_words_that_leave_the_hand_limp_also_when_the_run_fa
     assert said[-6:-2] == [m.SetTorque(finger, (0.0, 0.0, 0.0, 0.0)) for finger in range(4)]
     assert said[-2:] == [m.ServoOff(), m.SetPeriod(0.0)]
     assert len(said) > 0.4 * FRAMES_A_SECOND / 2
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_program_that_is_killed_loses_a_tenth_of_a_second_of_its_log(suffix: str, tmp_path: Path) -> None:
+    path, frames = tmp_path / f"bus{suffix}", round(0.5 * FRAMES_A_SECOND)
+    log = WireLog(path)
+    for k in range(frames):
+        log(
+            can.Message(
+                arbitration_id=0x80,
+                is_extended_id=False,
+                data=k.to_bytes(8, "little"),
+                timestamp=1e9 + k / FRAMES_A_SECOND,
+            )
+        )
+    left = tmp_path / f"left{suffix}"
+    left.write_bytes(path.read_bytes())  # As it is on the disk while the program runs.
+    assert sum(1 for _ in frames_of_log(left)) > frames - 0.1 * FRAMES_A_SECOND
+    log.close()
+    assert sum(1 for _ in frames_of_log(path)) == frames
 
 
 def test_a_captured_candump_has_no_directions_and_may_begin_in_the_middle(tmp_path: Path) -> None:
