@@ -542,6 +542,8 @@ class FaultDetector:
         found = signature_fault(window, own, self._spec)
         if found is None:
             return
+        if found.name == "payload" and np.count_nonzero(self._sign >= 0) >= FINGERS:
+            return  # So many fingers at once carry nothing: gravity is not where the hand says.
         wait = LONGEST if found.lead < CLEAR else ROWS if still_joints(window)[found.joint] else WAIT
         fit = fit_signature(window, found.name, found.joint, self._spec)
         if waited < wait or not fit.convinces(float(self._quiet[finger])):

@@ -57,9 +57,11 @@ LEAST = {"weak": 0.1, "friction": 0.008, "payload": 0.002}  # 1, N·m, kg: small
 LATEST, HIDDEN, MISSING = 8, 0.08, 0.5
 """Rows at a window's end; N·m that friction hides in a finger at rest (`slip_detection.PRESSED`); share of a fault's
 effect that may lack there: twice what a size may be wrong by, and the disturbance follows its cause."""
-AS_WELL, BETTER = 20.0, 0.25
-"""Squares, in those that remain per row, by which friction must explain more than a steady push on the same finger; and
-share of what another fault leaves that a steady push must leave to be the likelier one. Ours: e¹⁰ times as likely."""
+AS_WELL = 20.0
+"""Squares, in those that remain per row, by which friction or a weak motor must explain more than a steady push on the
+same finger: e¹⁰ times as likely."""
+BETTER = 0.25
+"""Share of what a payload leaves of the squares that a steady push must leave to be the likelier one. Ours."""
 _TINY = 1e-12
 MANY, FINGERS = 5, 3  # Joints with a fault, on this many fingers: then the file is wrong.
 
@@ -121,7 +123,7 @@ def _is_push(window: MirrorWindow, found: SignatureGain, spec: HandSpec) -> bool
     size = _product(steady, steady, side)
     push = float((np.square(_product(steady, d, side)) / np.maximum(size, _TINY)).sum())
     noise, left = NOISE**2, count * found.left
-    if found.name == "friction":
+    if found.name != "payload":
         return found.gain - push < AS_WELL * max(found.left, noise)
     return push - found.gain > AS_WELL * noise and left - (push - found.gain) < BETTER * left
 

@@ -324,6 +324,20 @@ def test_noisy_encoders_that_repeat_to_the_bit_are_named_all_of_them_and_quiet_o
     assert not frozen(spec, 5e-5, 1.5e-3)
 
 
+def test_a_steady_push_is_no_friction_no_weak_motor_and_no_weight(spec: HandSpec) -> None:
+    """In strokes of one direction a push is friction, under a steady torque a weak motor, in one posture a weight."""
+    free, one = window(), np.arange(N) == 6
+    ways = {
+        "friction": {"velocity": np.where(one, 0.3, free.velocity), "side": np.where(one, 1.0, free.side)},
+        "weak": {"torque": np.where(one, 0.15, free.torque)},
+        "payload": {"pull": np.where(one, 0.5 * (1.0 + 0.03 * np.sin(np.arange(K) / 9.0))[:, None, None], 0.0)
+                    * one[:, None]},
+    }  # fmt: skip
+    for changed in ways.values():
+        steady = np.where(one, -0.15, free.disturbance) * (1.0 if "pull" not in changed else -1.0)
+        assert signature_fault(free._replace(disturbance=steady, **changed), QUIET, spec) is None
+
+
 def test_a_joint_whose_encoder_repeats_makes_no_names_for_its_neighbours(spec: HandSpec) -> None:
     each = FaultList(spec, compensates=True)
     for name, joint in (("payload", 5), ("weak", 9)):
