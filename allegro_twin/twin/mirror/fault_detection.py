@@ -205,7 +205,7 @@ class RepeatedReports:
         return np.asarray(self._run >= periods)
 
     def frozen(self, periods: int) -> NDArray[np.bool_]:
-        """Of these the joints whose reports had noise before, (n,)."""
+        """Joints with noisy reports that have repeated for so many periods, (n,)."""
         looked = self._slow - self._of
         return self.lasting(periods) & (looked >= LOOKED) & (self._other > RESTLESS * looked)
 
