@@ -21,8 +21,8 @@ from allegro_twin.learning.tasks.scenes import (
     FACING,
     THING,
     add_variant,
-    apart,
     make_worlds,
+    not_one_environment,
     palm_height,
     palm_turn,
     turn_with_palm,
@@ -332,7 +332,7 @@ def _check_together(thing: catalogue.GraspObject, first: catalogue.GraspObject) 
     """Raises ConfigError for a mesh beside something else."""
     shapes = {(each.shape, each.file, each.scale, each.collision) for each in (first, thing)}
     if len(shapes) > 1 and any(shape == "mesh" for shape, *_ in shapes):
-        raise apart(thing.name, first.name, "scenes of one batch share their meshes")
+        raise not_one_environment(thing.name, first.name, "scenes of one batch share their meshes")
 
 
 def in_hand_object(choice: ObjectChoice) -> catalogue.GraspObject:

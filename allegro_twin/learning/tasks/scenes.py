@@ -166,19 +166,19 @@ def make_worlds(spec: HandSpec, model: mujoco.MjModel, n: int, threads: int, set
     return WarpBatch(spec, model, n, device=settings.device, **room)
 
 
-def add_variant(worlds: SharedModelBatch, model: mujoco.MjModel, thing: str, first: str) -> None:
+def add_variant(worlds: SharedModelBatch, model: mujoco.MjModel, name: str, first: str) -> None:
     """Add the scene of another object to simulations that began with the `first` one's. Raises ConfigError, with both
     names, for objects that no simulation can change into each other."""
     try:
         worlds.add(model)
     except ConfigError as error:
-        raise apart(thing, first, str(error)) from error
+        raise not_one_environment(name, first, str(error)) from error
 
 
-def apart(thing: str, first: str, why: str) -> ConfigError:
+def not_one_environment(name: str, first: str, why: str) -> ConfigError:
     """Error for two objects that are not of one environment."""
     return ConfigError(
-        f"objects {first} and {thing} are not of one environment ({why}): make one environment for each mesh and MJCF, "
+        f"objects {first} and {name} are not of one environment ({why}): make one environment for each mesh and MJCF, "
         "and one for all other objects"
     )
 
