@@ -34,8 +34,8 @@ torque then must change. Ours: 16 mrad with joints of plain MuJoCo."""
 CANCELS = (0.95, 0.7)
 """As FOLLOWS and TAKES, for a joint that creeps, or that a finger holds."""
 WAYS = 0.25
-"""Share of its motor's limit that a joint resists both ways, though its finger holds something: an object only
-pushes."""
+"""Share of its motor's limit that a still joint resists both ways, though its finger holds something: an object only
+pushes. A fingertip between a thumb and an object that is turned over resists 0.3 of it, and moves by 18 mrad."""
 SINGLE = 0.9  # Share of a finger's squares on one joint: a contact pushes the joints before it, too.
 HOT = 70.0  # °C. From here on the manufacturer's driver throttles; docs/reference/can_protocol.md.
 
@@ -185,9 +185,10 @@ def _stuck(window: MirrorWindow, spec: HandSpec) -> list[int]:
     def cancels(follows: float, takes: float) -> NDArray[np.bool_]:
         return np.asarray(along < -np.maximum(follows * np.sqrt(size * np.square(d).sum(axis=0)), takes * size))
 
-    still = still_joints(window) & cancels(FOLLOWS, TAKES) & (changes > PUSHED)
+    motionless = still_joints(window)
+    still = motionless & cancels(FOLLOWS, TAKES) & (changes > PUSHED)
     slow = (np.ptp(window.position, axis=0) < CREPT) & cancels(*CANCELS)
     alone = (finger_share(window, spec) > SINGLE) & (not holds_object(window))
     least = np.minimum(window.disturbance.max(axis=0), -window.disturbance.min(axis=0))
-    found = (alone & (still | (slow & (changes > HARD * limit)))) | (slow & (least > WAYS * limit))
+    found = (alone & (still | (slow & (changes > HARD * limit)))) | (slow & motionless & (least > WAYS * limit))
     return [int(joint) for joint in np.flatnonzero(found & (push > PUSHED))]
