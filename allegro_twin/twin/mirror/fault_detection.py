@@ -37,6 +37,7 @@ from allegro_twin.twin.mirror.faults import (
     still_joints,
 )
 from allegro_twin.twin.mirror.loose_link import LooseLinkDetector
+from allegro_twin.twin.mirror.repeated_reports import RepeatedReports
 from allegro_twin.twin.mirror.slip_detection import Slip, SlipDetector
 from allegro_twin.types import Array, HandState, Vector, frozen
 
@@ -86,9 +87,6 @@ SILENT = 0.1
 """s without a report of a joint after which that is said. Ours: single reports are lost."""
 FREES = 0.04
 """rad by which a joint moves that is stuck no more: twice what one creeps whose motor is dead."""
-RESTLESS, LOOKED = 0.3, 100
-"""Share of periods of a slow joint in which its reports differ from the last, above which they are noisy: those of a
-coarse encoder repeat, 0.9 and more of them. Periods that tell."""
 BLOCK, FEWEST = 20, 4
 """Evaluations of a block, 4.8 s, and fewest blocks of a free motion that give thresholds of shapes."""
 ENOUGH = 22.0  # s of free motion that contain this many at 3 ms, after a mirror has settled and filled a window.
@@ -184,30 +182,6 @@ class Thresholds(NamedTuple):
         scale = np.sqrt(6.0) / np.pi * cut.std(axis=0)
         rare = cut.mean(axis=0) + scale * (np.log(RARE / BLOCK) - EULER)
         return Thresholds(above, np.asarray(np.maximum(rare, cut.max(axis=0))), spread, held, noise)
-
-
-class RepeatedReports:
-    """Counts how often joints report the same to the last bit. An encoder whose reports were noisy and repeat for long
-    is frozen, whatever its finger does."""
-
-    def __init__(self, n: int) -> None:
-        self._run, self._slow, self._of, self._other = (np.zeros(n, dtype=int) for _ in range(4))
-
-    def add(self, same: NDArray[np.bool_], heard: NDArray[np.bool_], slow: NDArray[np.bool_]) -> None:
-        """Add a period: whether each joint reports the same as before, whether it reports, and whether it is slow."""
-        new, slow = heard & ~same, heard & slow
-        self._slow, self._other = self._slow + slow, self._other + (new & slow)
-        self._run = np.where(new, 0, self._run + (heard & same))
-        self._of = np.where(new, 0, self._of + (slow & same))  # Periods of the present run among the slow ones.
-
-    def lasting(self, periods: int) -> NDArray[np.bool_]:
-        """Joints that have reported the same for so many periods, (n,)."""
-        return np.asarray(self._run >= periods)
-
-    def frozen(self, periods: int) -> NDArray[np.bool_]:
-        """Joints with noisy reports that have repeated for so many periods, (n,)."""
-        looked = self._slow - self._of
-        return self.lasting(periods) & (looked >= LOOKED) & (self._other > RESTLESS * looked)
 
 
 class FaultDetector:

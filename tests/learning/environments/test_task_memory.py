@@ -13,7 +13,7 @@ import pytest
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.learning.environments.env import HandEnv
-from allegro_twin.learning.environments.snapshot import spread_snapshot
+from allegro_twin.learning.environments.snapshot import EpisodeState, spread_snapshot
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.tasks.base import StepOutcome
 from allegro_twin.learning.tasks.lift import LiftTask
@@ -97,14 +97,20 @@ def terms(env: Any, steps: int) -> list[dict[str, Any]]:
     return [env.step(action)[4] for _ in range(steps)]
 
 
-def test_a_single_environment_goes_on_with_the_memory_of_its_task() -> None:
-    env = HandEnv(TASK, timestep=0.003)
+def repeated(env: HandEnv) -> tuple[EpisodeState, list[dict[str, Any]]]:
+    """A state of an episode, and the terms of the five steps after it, which come again once it is restored."""
     env.reset(seed=1)
     terms(env, 3)
     state = env.save_state()
     first = terms(env, 5)
     env.restore_state(state)
     assert terms(env, 5) == first
+    return state, first
+
+
+def test_a_single_environment_goes_on_with_the_memory_of_its_task() -> None:
+    env = HandEnv(TASK, timestep=0.003)
+    state, first = repeated(env)
     new = HandEnv(TASK, timestep=0.003)
     new.restore_state(pickle.loads(pickle.dumps(state)))
     assert terms(new, 5) == first
@@ -191,12 +197,7 @@ class CountingRotate(Counting, RotateTask):
 def test_a_task_with_an_object_goes_on_with_its_memory(task: str) -> None:
     given: dict[str, Any] = {"task": f"{__name__}:{task}", "timestep": 0.003, "randomise": "default"}
     env, other = HandEnv(**given), HandEnv(**given)
-    env.reset(seed=1)
-    terms(env, 3)
-    state = env.save_state()
-    first = terms(env, 5)
-    env.restore_state(state)
-    assert terms(env, 5) == first
+    state, first = repeated(env)
     other.reset(seed=2)
     terms(other, 4)
     other.restore_state(pickle.loads(pickle.dumps(state)))
