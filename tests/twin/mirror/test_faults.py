@@ -174,6 +174,27 @@ def test_a_hand_with_a_finger_that_presses_on_something_has_no_wrong_file(
     assert [report.fault.name for report in each.faults.reports] == names
 
 
+@pytest.mark.parametrize(
+    ("odd", "frozen", "names"), [(1, False, ["payload"]), (3, False, []), (1, True, [])],
+    ids=["one finger", "three fingers at once", "an encoder of the finger is frozen"],
+)  # fmt: skip
+def test_a_payload_is_of_one_finger_whose_posture_is_known(
+    odd: int, frozen: bool, names: list[str], spec: HandSpec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    free = window()
+    seen = free._replace(disturbance=free.disturbance + 0.05 * free.pull[:, 6] * MIDDLE)
+    each = FaultDetector(spec, Thresholds(np.full((2, N), 0.02), QUIET), 0.003)
+    monkeypatch.setattr(each, "_last", lambda count: seen)
+    each._count, each._sign[:] = 100, -1
+    each._sign[1 : 1 + odd] = 0
+    if frozen:
+        each.faults.add(Fault("stuck", 5, 0.1), 0.0, 0.0)
+        for _ in range(ROWS * ROW + 1):
+            each._repeats.add(*np.ones((3, N), dtype=bool))
+    each._name_signature(1)
+    assert [report.fault.name for report in each.faults.reports if report.fault.name != "stuck"] == names
+
+
 def test_what_is_too_heavy_for_the_motors_is_no_payload(spec: HandSpec) -> None:
     free = window()
     for amount, name in ((0.05, "payload"), (5.0, None)):
