@@ -205,11 +205,12 @@ class StateObserver:
         data, dofs = self._data, self._player.dofs
         pushed = data.qfrc_applied[dofs]
         load = data.qfrc_smooth[dofs] - pushed
-        most = np.minimum(np.abs(load), self._model.dof_frictionloss[dofs]) * self._softness
-        along, crept = np.sign(load) * pushed, np.maximum(np.sign(load) * self._crept, 0.0)
-        crept = rests * np.clip(crept + CREEPS[1] * self.period * along, 0.0, most)
-        self._crept = np.sign(load) * crept
-        return np.asarray(np.sign(load) * rests * np.clip(crept + CREEPS[0] * along, 0.0, most))
+        side = np.sign(load)
+        most = np.minimum(side * load, self._model.dof_frictionloss[dofs]) * self._softness
+        along, crept = side * pushed, np.maximum(side * self._crept, 0.0)
+        crept = rests * np.minimum(np.maximum(crept + CREEPS[1] * self.period * along, 0.0), most)
+        self._crept = side * crept
+        return np.asarray(side * rests * np.minimum(np.maximum(crept + CREEPS[0] * along, 0.0), most))
 
     def alone(self, duty: Vector, gravity: Vector) -> Estimate:
         """A period that no report ends: the disturbance goes on as it is."""
