@@ -33,10 +33,10 @@ BOX = {"name": "soap", "shape": "box", "size": [0.055, 0.055, 0.08], "mass": 0.1
 @pytest.mark.slow
 def test_the_page_runs_from_an_empty_folder(tmp_path: Path) -> None:
     blocks = BLOCK.findall((ROOT / "docs" / "how-to" / "add_a_task.md").read_text())
-    assert [name for name, _ in blocks] == ["objects.py", "my_tasks.py", "use.py"]
+    assert [name for name, _ in blocks] == ["objects.py", "my_tasks.py", "my_numbers.py", "use.py"]
     for name, text in blocks:
         (tmp_path / name).write_text(text)
-    for name in ("objects.py", "use.py"):
+    for name in ("objects.py", "my_numbers.py", "use.py"):
         done = subprocess.run(
             [sys.executable, "-W", "error", name],
             cwd=tmp_path,
