@@ -36,6 +36,9 @@ CANCELS = (0.95, 0.7)
 WAYS = 0.25
 """Share of its motor's limit that a still joint resists both ways, though its finger holds something: an object only
 pushes. A fingertip between a thumb and an object that is turned over resists 0.3 of it, and moves by 18 mrad."""
+YIELDS = 0.9
+"""Correlation of a still joint's torque with its displacement against it, from which its own loop makes the torque:
+something pushes the joint, and it follows. That of a stuck joint follows targets."""
 SINGLE = 0.9  # Share of a finger's squares on one joint: a contact pushes the joints before it, too.
 HOT = 70.0  # °C. From here on the manufacturer's driver throttles; docs/reference/can_protocol.md.
 
@@ -177,7 +180,8 @@ def still_joints(window: MirrorWindow) -> NDArray[np.bool_]:
 
 def _stuck(window: MirrorWindow, spec: HandSpec) -> list[int]:
     """Joints that do not move, or creep, and whose disturbance cancels their motor's torque. A joint that friction
-    holds in both hand and mirror has no such disturbance; what fingers hold may make one, but only one way."""
+    holds in both hand and mirror has no such disturbance; what fingers hold may make one, but only one way. What pushes
+    a joint makes one too, with a torque that follows the joint's displacement."""
     push, torque = np.abs(window.disturbance).mean(axis=0), window.torque - window.torque.mean(axis=0)
     d, changes = window.disturbance - window.disturbance.mean(axis=0), np.ptp(window.torque, axis=0)
     along, size, limit = (d * torque).sum(axis=0), np.square(torque).sum(axis=0), spec.actuation.torque_limit
@@ -185,10 +189,12 @@ def _stuck(window: MirrorWindow, spec: HandSpec) -> list[int]:
     def cancels(follows: float, takes: float) -> NDArray[np.bool_]:
         return np.asarray(along < -np.maximum(follows * np.sqrt(size * np.square(d).sum(axis=0)), takes * size))
 
+    displaced = window.position - window.position.mean(axis=0)
+    yields = (displaced * torque).sum(axis=0) < -YIELDS * np.sqrt(size * np.square(displaced).sum(axis=0))
     motionless = still_joints(window)
     still = motionless & cancels(FOLLOWS, TAKES) & (changes > PUSHED)
     slow = (np.ptp(window.position, axis=0) < CREPT) & cancels(*CANCELS)
     alone = (finger_share(window, spec) > SINGLE) & (not holds_object(window))
     least = np.minimum(window.disturbance.max(axis=0), -window.disturbance.min(axis=0))
     found = (alone & (still | (slow & (changes > HARD * limit)))) | (slow & motionless & (least > WAYS * limit))
-    return [int(joint) for joint in np.flatnonzero(found & (push > PUSHED))]
+    return [int(joint) for joint in np.flatnonzero(found & ~yields & (push > PUSHED))]

@@ -324,6 +324,19 @@ def test_what_a_finger_holds_only_pushes_and_what_resists_both_ways_is_the_joint
     assert not direct_faults(still._replace(torque=one_way, disturbance=np.where(whole, -one_way, 0.0)), spec)
 
 
+def test_a_joint_whose_torque_follows_its_own_displacement_is_pushed_and_not_stuck(spec: HandSpec) -> None:
+    """As of a finger that another one blocks lightly, in a grasp that is shaken."""
+    free, one, shake = window(), np.arange(N) == 2, 0.0012 * np.sin(np.arange(K) / 3.0)[:, None]
+    torque = np.where(one, 0.08 + 15.0 * shake, free.torque)
+    fixed = free._replace(
+        torque=torque, disturbance=np.where(one, -torque, free.disturbance), position=np.where(one, 0.0, free.position)
+    )
+    assert [(found.name, found.joint) for found in direct_faults(fixed, spec)] == [("stuck", 2)]
+    noisy = np.where(one, np.random.default_rng(1).normal(scale=6e-5, size=(K, 1)), free.position)
+    assert direct_faults(fixed._replace(position=noisy), spec)
+    assert not direct_faults(fixed._replace(position=np.where(one, -shake, free.position)), spec)
+
+
 def frozen(spec: HandSpec, noise: float, count: float, *, holds: bool = True) -> list[tuple[str, int]]:
     """Names of a hand whose encoders freeze after 3 s, while its motors work on."""
     each, rng = FaultDetector(spec, Thresholds(np.full((2, N), 0.02), QUIET), 0.003), np.random.default_rng(2)
