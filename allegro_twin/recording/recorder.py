@@ -25,6 +25,7 @@ UNITS = {
 }  # fmt: skip
 _VECTORS = ("position", "velocity", "torque", "temperature", "gravity")
 _ALWAYS = {"t", "tick", *_VECTORS}
+_COMMANDS = {"command_torque", "command_position", "command_effort", "command_duration"}
 ExtraColumns = Callable[[], Mapping[str, Array]]
 
 
@@ -64,9 +65,13 @@ class Recorder:
     def add(self, sample: Sample, extras: Mapping[str, Array] | None = None) -> None:
         """Add one row. The first row fixes the columns."""
         state, command = sample
-        further = {**command_columns(command), **(extras or {})}
+        further = command_columns(command)
         if state.wrench.size:
             further["wrench"] = state.wrench
+        if extras:
+            if self._schema is None:
+                self._check_extras(extras, further)
+            further |= extras
         if self._schema is None:
             self._begin(sample, further)
         self._check(further)
@@ -110,6 +115,18 @@ class Recorder:
                 f"{self._where}row {self._rows + 1} {wrong}; give the same columns in every row, NaN where one is "
                 "unknown"
             )
+
+    def _check_extras(self, extras: Mapping[str, Array], further: Mapping[str, Array]) -> None:
+        """Raises RecordingError for extra columns with a name that a recording uses itself, or with another shape than
+        one axis. `further`: columns of the first sample beside those of every state."""
+        used = _ALWAYS | _COMMANDS | {"wrench"} | further.keys()
+        if taken := sorted(extras.keys() & used):
+            raise RecordingError(
+                f"{self._where}extra column {', '.join(taken)}: a recording has a column of that name; give it another"
+            )
+        for name, value in extras.items():
+            if np.ndim(value) != 1:
+                raise RecordingError(f"{self._where}extra column {name}: its shape is {np.shape(value)}, not (n,)")
 
     def _begin(self, sample: Sample, further: Mapping[str, Array]) -> None:
         fields = [pa.field("t", pa.float64()), pa.field("tick", pa.int64())]

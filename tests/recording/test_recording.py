@@ -277,6 +277,27 @@ def test_a_row_with_other_extra_columns_than_the_first_is_named_and_the_rows_bef
     np.testing.assert_array_equal(recording.columns["palm"][:, 0], np.arange(at))
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("t", np.zeros(1), "extra column t: a recording has a column of that name; give it another"),
+        ("position", np.zeros(16), "extra column position: a recording has a column of that name"),
+        ("command_torque", np.zeros(16), "extra column command_torque: a recording has"),
+        ("command_effort", np.zeros(16), "extra column command_effort: a recording has"),
+        ("wrench", np.zeros(6), "extra column wrench: a recording has"),
+        ("force", np.float64(1.0), r"extra column force: its shape is \(\), not \(n,\)"),
+        ("force", np.zeros((2, 3)), r"extra column force: its shape is \(2, 3\), not \(n,\)"),
+    ],
+)
+def test_an_extra_column_hides_none_of_the_recordings_own_and_has_one_axis(
+    name: str, value: Array, message: str, tmp_path: Path, spec: HandSpec
+) -> None:
+    recorder = Recorder(tmp_path / "r.arrow", spec, 0.003)
+    with pytest.raises(RecordingError, match=rf"r\.arrow: {message}"):
+        recorder.add(sample(0), {name: value})
+    recorder.close()
+
+
 def test_a_command_of_another_kind_than_the_first_is_named(tmp_path: Path, spec: HandSpec) -> None:
     recorder = Recorder(tmp_path / "r.arrow", spec, 0.003)
     recorder.add(sample(0))
