@@ -279,7 +279,7 @@ def arm_controller(cell: Cell, guide: ArmGuide) -> GuidedImpedance:
     """The arm's controller. Raises ConfigError for a spring that friction holds."""
     arm = cell.settings.arm
     stiffness = Stiffness(arm.stiffness, arm.angular_stiffness)
-    stuck(cell.robot.model, cell.posture, stiffness, _SLACK, felt=True)
+    stuck(cell.robot.model, cell.posture, stiffness, _SLACK, force_sensor=True)
     smoothing = Smoothing(arm.speed, arm.turning)
     return GuidedImpedance(cell.robot.model, guide, stiffness.diagonal(), smoothing, cell.robot.compensation)
 

@@ -206,8 +206,8 @@ class Trial:
         """The verdict. Raises HandError when the trial was not run to its end."""
         if not self._rows or self._rows[-1][0] < self.seconds - 1e-9:
             raise HandError(f"the trial ended before its {self.seconds:.1f} s: there is no verdict")
-        t, torque, seen = zip(*self._rows, strict=True)
-        columns = {key: np.array([row[key] for row in seen]) for key in seen[0]}
+        t, torque, observations = zip(*self._rows, strict=True)
+        columns = {key: np.array([row[key] for row in observations]) for key in observations[0]}
         return self.judged(
             Observations(
                 np.array(t),
@@ -221,31 +221,33 @@ class Trial:
             )
         )
 
-    def judged(self, seen: Observations) -> TrialReport:
+    def judged(self, observations: Observations) -> TrialReport:
         """The verdict on what was observed of this trial."""
         spec = self.backend.spec
         report = judge(
-            seen, self.windows, self.rule,
+            observations, self.windows, self.rule,
             parts=self._probe.parts, joints=spec.joint_labels, torque_limit=spec.actuation.torque_limit,
         )  # fmt: skip
         report = replace(report, observed=self.observed_type())
-        self.pressing = self._pressing(seen)
-        return report if report.held else replace(report, reason="; ".join([report.reason, *self._loads(seen)]))
+        self.pressing = self._pressing(observations)
+        return report if report.held else replace(report, reason="; ".join([report.reason, *self._loads(observations)]))
 
-    def _pressing(self, seen: Observations) -> float:
+    def _pressing(self, observations: Observations) -> float:
         """By how much the palm is above where the wrist is told to be, times the wrist's stiffness, N."""
         if self.protocol.floating:
             return float("nan")
-        start, end = (int(np.searchsorted(seen.t, t + 1e-9, side="right")) - 1 for t in (0.0, self.begin))
-        up = float(seen.palm[end, 2] - seen.palm[start, 2])
+        start, end = (int(np.searchsorted(observations.t, t + 1e-9, side="right")) - 1 for t in (0.0, self.begin))
+        up = float(observations.palm[end, 2] - observations.palm[start, 2])
         return float(STIFF_WRIST.stiffness[2]) * (up - self._told)
 
-    def _loads(self, seen: Observations) -> list[str]:
+    def _loads(self, observations: Observations) -> list[str]:
         """What the hand had to carry, and which joints had no more to give up to the first check."""
         limit = self.backend.spec.actuation.torque_limit
         begin = self.begin
         end = next((w.end for w in self.windows if w.check), self.seconds)
-        share = (np.abs(seen.torque[(seen.t > begin) & (seen.t <= end)]) >= FULL * limit).mean(axis=0)
+        share = (np.abs(observations.torque[(observations.t > begin) & (observations.t <= end)]) >= FULL * limit).mean(
+            axis=0
+        )
         full = [name for name, part in zip(self.backend.spec.joint_labels, share, strict=True) if part > 0.5]
         loads = [("it weighs", self._weight), ("it is pushed with", self._push)]
         said = [f"{what} {newtons:.1f} N" for what, newtons in loads if newtons > 0.0]

@@ -130,9 +130,9 @@ class Observers:
         assert self._work is not None
         self._tell(JournalEntry("states", state_entry(now, self._work)))
 
-    def on_detection(self, frame: CameraFrame, seen: Detection | PerceptionRefusal) -> None:
+    def on_detection(self, frame: CameraFrame, detection: Detection | PerceptionRefusal) -> None:
         """Perception has looked at a picture."""
-        self._tell(JournalEntry("perception", perception_entry(frame, seen, self._cell.settings.perception)))
+        self._tell(JournalEntry("perception", perception_entry(frame, detection, self._cell.settings.perception)))
 
     def arm(self, samples: Iterable[Sample]) -> Iterator[Sample]:
         """The stage of the arm."""

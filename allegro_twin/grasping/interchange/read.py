@@ -129,11 +129,11 @@ def load_grasps(path: Path, spec: HandSpec) -> Grasps:
     return _read(path, path.stat().st_mtime_ns if path.is_file() else 0, spec)
 
 
-def assumed_hand(path: Path, spec: HandSpec, *, asked: bool) -> str:
+def assumed_hand(path: Path, spec: HandSpec, *, named: bool) -> str:
     """A sentence on what a file does not say of its hand, and how it is read therefore; empty where it says all.
-    `asked`: whether a person has named the hand. Raises ConfigError."""
+    `named`: whether a person has named the hand. Raises ConfigError."""
     own, said = own_hand(path), []
-    if not asked and own.model is None and not own.named:
+    if not named and own.model is None and not own.named:
         said.append(f"says of no hand and names no joints: read as of {spec.name} (--hand has others)")
     if own.frame is None and spec.model != HAND:
         said.append(f"does not say of which frame its poses are: read as of our palm of {spec.name}")

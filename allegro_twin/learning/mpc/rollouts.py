@@ -55,7 +55,7 @@ class Rollouts:
         self._home = np.array(self.engine.memory.end[0])
         self.costs.begin(self.engine.worlds.position[0], None if thing is None else thing.pose[0])
 
-    def way_back(self, state: EpisodeState, decisions: int) -> Array:
+    def return_action(self, state: EpisodeState, decisions: int) -> Array:
         """The action that brings each joint's set-point back to the beginning's in so many decisions, (joints,)."""
         interface = self.engine.task.interface
         if interface.mode != "delta":

@@ -217,18 +217,18 @@ class InHandTask(Task):
     def privileged_observation(self, tick: Ticks) -> Array | None:
         return self.encode_object(self.shown) if self.n_privileged else None
 
-    def encode_object(self, seen: ObjectObservation) -> Array:
+    def encode_object(self, observation: ObjectObservation) -> Array:
         """The object's shift from where it began, in 5 cm; the direction of its own z axis, two numbers; cosine and
         sine of four times its yaw, since a quarter turn looks the same; its velocity and angular velocity. All in world
         axes."""
-        w, x, y, z = (seen.quaternion[:, k] for k in range(4))
+        w, x, y, z = (observation.quaternion[:, k] for k in range(4))
         xp = self.worlds.xp
         yaw = 4.0 * xp.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
         found: Array = xp.zeros((self.n, 13))
-        found[:, :3] = (seen.position - self.place) / 0.05
+        found[:, :3] = (observation.position - self.place) / 0.05
         found[:, 3], found[:, 4] = 2 * (x * z + w * y), 2 * (y * z - w * x)
         found[:, 5], found[:, 6] = xp.cos(yaw), xp.sin(yaw)
-        found[:, 7:10], found[:, 10:] = seen.velocity / FAST, seen.spin / SPINS
+        found[:, 7:10], found[:, 10:] = observation.velocity / FAST, observation.spin / SPINS
         return found
 
     def live_arrays(self) -> dict[str, NDArray[Any]]:

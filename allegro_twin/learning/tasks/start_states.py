@@ -239,7 +239,7 @@ def try_candidates(
     posture, target, place, yaw = search.tries(spec, sizes, rng)
     turned = quaternion_from_vector(yaw[:, None] * (0.0, 0.0, 1.0))
     worlds.place(rows, posture)
-    watched, going, contacts, told = place, rows, LinkContacts(worlds), _fingers(spec, worlds)
+    watched, going, contacts, command = place, rows, LinkContacts(worlds), _fingers(spec, worlds)
     for k in range(_PERIODS):
         if k < _CARRIED:
             body.pose[:, :3], body.pose[:, 3:] = place, turned
@@ -248,8 +248,8 @@ def try_candidates(
             going = _unmoved(body.pose[:, :3], place, _FALLEN)
         if k == _WATCHED:
             watched = np.array(body.pose[:, :3])
-        wish = posture + (target - posture) * min(k / _CLOSING, 1.0)
-        told(wish)
+        setpoint = posture + (target - posture) * min(k / _CLOSING, 1.0)
+        command(setpoint)
         worlds.step(None if k < _SEEN else going, 1)
         if k >= _WATCHED:
             contacts.add_period()
@@ -269,10 +269,10 @@ def _fingers(spec: HandSpec, worlds: SharedModelBatch) -> Callable[[Array], None
         return worlds.command
     gains = load_gains("default", spec)
 
-    def told(wish: Array) -> None:
-        worlds.control[...] = laws.pd(wish - worlds.position, -worlds.velocity, gains.kp, gains.kd)
+    def command(setpoint: Array) -> None:
+        worlds.control[...] = laws.pd(setpoint - worlds.position, -worlds.velocity, gains.kp, gains.kd)
 
-    return told
+    return command
 
 
 def survives_noise(spec: HandSpec, thing: GraspObject, states: StartStates, rng: np.random.Generator) -> Flags:
@@ -290,9 +290,9 @@ def survives_noise(spec: HandSpec, thing: GraspObject, states: StartStates, rng:
     shaken = states.position[many] + rng.uniform(-NOISE_JOINT, NOISE_JOINT, (len(many), spec.n_joints))
     worlds.place(rows, np.clip(shaken, spec.lower, spec.upper))
     body.pose[:, :3], body.pose[:, 3:], contacts = place, states.pose[many, 3:], LinkContacts(worlds)
-    told = _fingers(spec, worlds)
+    command = _fingers(spec, worlds)
     for _ in range(_WATCHED):
-        told(states.target[many])
+        command(states.target[many])
         worlds.step(None, 1)
         contacts.add_period()
     kept = np.linalg.norm(body.pose[:, :3] - place, axis=-1) < _FALLEN

@@ -133,17 +133,17 @@ def test_grasps_of_any_hand_go_back_and_are_refused_for_another(tmp_path: Path, 
     with pytest.raises(ConfigError, match=f"is of the hand {model}; this one is allegro: ask for {model}"):
         read_grasps(path, load_spec())
     assert own_hand(path)[:2] == (model, "right")
-    assert assumed_hand(path, spec, asked=False) == ""
+    assert assumed_hand(path, spec, named=False) == ""
 
 
 def test_what_a_file_does_not_say_of_its_hand_is_said(tmp_path: Path, spec: HandSpec) -> None:
     path = saved(tmp_path / "a.npy", bench(spec))
     told = "a.npy: says of no hand and names no joints: read as of allegro_right (--hand has others)"
-    assert assumed_hand(path, spec, asked=False) == told
-    assert assumed_hand(path, spec, asked=True) == ""
-    assert "read as of our palm of leap_right" in assumed_hand(path, load_spec("leap"), asked=True)
+    assert assumed_hand(path, spec, named=False) == told
+    assert assumed_hand(path, spec, named=True) == ""
+    assert "read as of our palm of leap_right" in assumed_hand(path, load_spec("leap"), named=True)
     for named in (saved(tmp_path / "b.npy", bodex(spec)), saved(tmp_path / "c.npy", net(spec))):
-        assert assumed_hand(named, spec, asked=False) == ""
+        assert assumed_hand(named, spec, named=False) == ""
 
 
 def test_a_change_of_frame_does_not_move_the_palm(tmp_path: Path, spec: HandSpec) -> None:

@@ -291,7 +291,9 @@ def _follow(
         host = Host(session, PageServer("127.0.0.1", port, "hold"))
         stack.callback(host.close)
         observers.append(session)
-        console.print(f"Open {host.serve_beside()} (Ctrl-C ends it)", soft_wrap=True, highlight=False, markup=False)
+        console.print(
+            f"Open {host.serve_in_background()} (Ctrl-C ends it)", soft_wrap=True, highlight=False, markup=False
+        )
     else:
         console.print("Ctrl-C ends it")
     hearing = Observers(remote.cell, [*observers, _PrintRefusals()], lens)

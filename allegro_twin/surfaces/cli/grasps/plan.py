@@ -291,8 +291,8 @@ def restless(search: GraspSearch) -> str:
     if fast <= draws / 10:
         return ""
     known = math.isfinite(search.spec.coarsest_step)
-    way_out = "" if known else "; its physics may be shaken by steps of 3 ms: try `coarsest_step: 0.001` in its card"
-    return f"in {fast} of {draws} draws a joint moved faster than it may, and the trial was stopped{way_out}"
+    remedy = "" if known else "; its physics may be shaken by steps of 3 ms: try `coarsest_step: 0.001` in its card"
+    return f"in {fast} of {draws} draws a joint moved faster than it may, and the trial was stopped{remedy}"
 
 
 def search_failure(search: GraspSearch) -> str:
