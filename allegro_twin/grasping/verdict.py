@@ -53,7 +53,7 @@ class Observations:
     """(k,), s."""
     palm: Array
     """Position and quaternion in the world, (k, 7), m."""
-    thing: Array
+    object_pose: Array
     """Pose of the object in the world, (k, 7), m."""
     contact_force: Array
     """Sum of normal forces on the object by each part of the hand, (k, p), N."""
@@ -159,7 +159,7 @@ def judge(
     the first of them it rose as far as the rule's `lift`, but for `drift`. `torque_limit`: (n,), N·m; inf
     where it is unknown."""
     start = _last(observations.t, next(w.end for w in windows if w.name == rule.reference))
-    position, angle = relative_motion(observations.palm, observations.thing, start)
+    position, angle = relative_motion(observations.palm, observations.object_pose, start)
     phases = []
     begun = False
     for window in windows:
@@ -168,7 +168,7 @@ def judge(
         begun = begun or window.name == rule.reference
     checks = [window for window in windows if window.check]
     rise = (
-        float(observations.thing[_last(observations.t, checks[0].end), 2] - observations.thing[start, 2])
+        float(observations.object_pose[_last(observations.t, checks[0].end), 2] - observations.object_pose[start, 2])
         if checks
         else 0.0
     )
@@ -190,24 +190,26 @@ def judge(
     )  # fmt: skip
 
 
-def relative_motion(palm: Array, thing: Array, start: int) -> tuple[Array, Array]:
+def relative_motion(palm: Array, object_pose: Array, start: int) -> tuple[Array, Array]:
     """Distance (k,) in m and angle (k,) in degrees of an object in the palm's frame, from row `start`. Both are poses
     in the world, (k, 7)."""
-    return relative_displacement(palm[start], thing[start], palm, thing)
+    return relative_displacement(palm[start], object_pose[start], palm, object_pose)
 
 
-def relative_displacement(palm: Array, thing: Array, palm_then: Array, thing_then: Array) -> tuple[Array, Array]:
+def relative_displacement(
+    palm: Array, object_pose: Array, palm_then: Array, object_pose_then: Array
+) -> tuple[Array, Array]:
     """How far, m, and by what angle, degrees, an object moves in the palm's frame between two moments, (...). Poses in
     the world, (..., 7)."""
-    (first, turn), (then, turned) = pose_in_palm(palm, thing), pose_in_palm(palm_then, thing_then)
+    (first, turn), (then, turned) = pose_in_palm(palm, object_pose), pose_in_palm(palm_then, object_pose_then)
     return np.linalg.norm(then - first, axis=-1), np.degrees(angle_between(turned, turn))
 
 
-def pose_in_palm(palm: Array, thing: Array) -> tuple[Array, Array]:
+def pose_in_palm(palm: Array, object_pose: Array) -> tuple[Array, Array]:
     """Position (..., 3), m, and rotation (..., 3, 3) of an object in the palm's frame. Poses in the world, (..., 7)."""
     turned = matrix_from_quaternion(palm[..., 3:])
-    position = np.einsum("...ji,...j->...i", turned, thing[..., :3] - palm[..., :3])
-    return position, np.einsum("...ji,...jl->...il", turned, matrix_from_quaternion(thing[..., 3:]))
+    position = np.einsum("...ji,...j->...i", turned, object_pose[..., :3] - palm[..., :3])
+    return position, np.einsum("...ji,...jl->...il", turned, matrix_from_quaternion(object_pose[..., 3:]))
 
 
 def _phase(

@@ -174,7 +174,7 @@ def hand_extras(cell: Cell) -> Callable[[], Mapping[str, Vector]]:
     """What only a simulation knows: `palm`, `object`, the first thing, (7,) each in the world, and `others`, of the
     rest in a row."""
     model, data = cell.robot.world.model, cell.robot.world.data
-    first, *rest = (model.body(thing.name).id for thing in cell.settings.objects)
+    first, *rest = (model.body(each.name).id for each in cell.settings.objects)
     palm = model.body(cell.hand.spec.root).id
 
     def pose(body: int) -> Vector:

@@ -38,7 +38,7 @@ _ROUND = ("sphere", "cylinder")
 
 def known_object(scene: PickScene, yaw: float) -> TableObject:
     """The thing as it stands, turned by `yaw`, rad."""
-    return _plain(replace(standing_object(scene.thing, yaw), position=scene.there.position))
+    return _plain(replace(standing_object(scene.grasp_object, yaw), position=scene.there.position))
 
 
 def detected_object(scene: PickScene, camera: DepthCamera, pipeline: PerceptionPipeline) -> TableObject | None:

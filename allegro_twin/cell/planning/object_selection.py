@@ -49,7 +49,7 @@ class SelectedObject:
 class _Reading(NamedTuple):
     """One interpretation of a cluster, with the objects beside it then."""
 
-    thing: Detection
+    detection: Detection
     beside: tuple[Detection, ...]
 
 
@@ -104,13 +104,13 @@ class ObjectSelector:
                 if isinstance(each, PerceptionRefusal):
                     refused[number] = refusal_outcome(each)
                     continue
-                solid = each.thing.solid
+                solid = each.detection.solid
                 if any(_is_there(solid, left) for left in self._left):
                     said = f"the {solid.shape} at {position_text(solid.position)} was not held"
                     refused[number] = CellOutcome("refused", "no_grasp", said)
                     continue
                 if clear == CLEAR or each.beside or len(detections) > 1:
-                    chosen = self.one(each.thing, frame, alone, clear, each.beside)
+                    chosen = self.one(each.detection, frame, alone, clear, each.beside)
                     if isinstance(chosen, SelectedObject):
                         return chosen
                     refused[number] = chosen
@@ -140,7 +140,7 @@ class ObjectSelector:
             rest = tuple(other for other in found if other is not one)
             first.append(_Reading(one, rest))
             for other in one.instead:
-                if not any(other is known.thing for known in last):  # Two parts are of one compound.
+                if not any(other is known.detection for known in last):  # Two parts are of one compound.
                     parts = tuple(part for part in one.instead if part is not other)
                     apart = tuple(each for each in rest if all(other is not whole for whole in each.instead))
                     last.append(_Reading(other, (*parts, *apart)))

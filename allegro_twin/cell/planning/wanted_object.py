@@ -33,14 +33,14 @@ def unlikeness(size: Sequence[float], poses: Array) -> float:
     return float(ratios.min(initial=np.inf))
 
 
-def resting_extents(thing: GraspObject) -> Array:
+def resting_extents(grasp_object: GraspObject) -> Array:
     """The sorted edges of the boxes around an object, (k, 3), m: upright along each of its own axes, and across it as
     small as any turn makes it. None of an MJCF, which has no size."""
-    if thing.shape == "mjcf":
+    if grasp_object.shape == "mjcf":
         return np.empty((0, 3))
-    if thing.shape != "mesh":
-        return np.sort(2.0 * thing.half_extents())[None]
-    points, found = thing.mesh().vertices, []
+    if grasp_object.shape != "mesh":
+        return np.sort(2.0 * grasp_object.half_extents())[None]
+    points, found = grasp_object.mesh().vertices, []
     for up in range(3):
         across = np.delete(points, up, axis=1)
         directions = np.stack([np.cos(_TURNS), np.sin(_TURNS)])

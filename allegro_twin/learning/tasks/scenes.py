@@ -40,7 +40,7 @@ _COARSE = (10.0, 10, 1e-5)  # impratio, iterations and tolerance of the solver.
 class TaskScene:
     """One object, the grasp for it, and where both are when the fingers close."""
 
-    thing: str
+    object_name: str
     grasp: Grasp
     model: mujoco.MjModel
     pose: Vector
@@ -112,11 +112,13 @@ def _find_scenario(choice: ObjectChoice, spec: HandSpec) -> tuple[Scenario, Stag
 def _build_scene(
     name: str, surroundings: Stage, retreat: Vector, spec: HandSpec, settings: EnvSettings, grasp: str
 ) -> TaskScene:
-    placed = surroundings.things[0]
-    obj = replace(placed, thing=replace(placed.thing, name=THING))
+    placed = surroundings.objects[0]
+    obj = replace(placed, grasp_object=replace(placed.grasp_object, name=THING))
     # On a device a geom has the same type in all simulations.
-    one_layout = settings.device != "cpu" and placed.thing.shape in SIZES_OF_KIND
-    model = compile_task_scene(spec, replace(surroundings, things=[obj], every_shape=one_layout, sensed=True), settings)
+    one_layout = settings.device != "cpu" and placed.grasp_object.shape in SIZES_OF_KIND
+    model = compile_task_scene(
+        spec, replace(surroundings, objects=[obj], every_shape=one_layout, sensed=True), settings
+    )
     pose = np.concatenate([placed.position, placed.quaternion])
     return TaskScene(name, load_grasp(grasp, spec), model, pose, retreat)
 

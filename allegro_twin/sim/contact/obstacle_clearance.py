@@ -78,7 +78,7 @@ class ObstacleClearance:
         names = [*(f"{_THING} {k}" for k in range(_PARTS)), *(f"{_OTHER} {k}" for k in range(OTHERS))]
         placed = [PlacedObject(GraspObject(name, "box", (0.01, 0.01, 0.01), 0.01), _out(k), (1.0, 0.0, 0.0, 0.0))
                   for k, name in enumerate(names)]  # fmt: skip
-        stage = Stage(base, np.array([1.0, 0.0, 0.0, 0.0]), things=placed, table=True)
+        stage = Stage(base, np.array([1.0, 0.0, 0.0, 0.0]), objects=placed, table=True)
         model = compile_scene(arm, stage, mounted)
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE  # Its boxes are of the sizes at compile time.
         self._model, self._data = model, mujoco.MjData(model)

@@ -63,7 +63,7 @@ class EpisodeWatch:
     @property
     def objects(self) -> tuple[str, ...]:
         """Names of its objects in the scene."""
-        return () if self._task.thing is None else (THING,)
+        return () if self._task.object_body is None else (THING,)
 
     @property
     def turns(self) -> bool:

@@ -126,7 +126,7 @@ def test_grasps_of_any_hand_go_back_and_are_refused_for_another(tmp_path: Path, 
     spec, path = load_spec(model), tmp_path / f"a{suffix}"
     rows = np.linspace(0.6 * spec.lower + 0.4 * spec.upper, 0.4 * spec.lower + 0.6 * spec.upper, 3)
     made = check_grasps(
-        spec, poses(1)[None], rows[None], [0.0, 0, 0, 1, 0, 0, 0], 1.0, thing="apple", frame=PALM, source=""
+        spec, poses(1)[None], rows[None], [0.0, 0, 0, 1, 0, 0, 0], 1.0, object_name="apple", frame=PALM, source=""
     )
     write_dexgraspbench(path, made) if suffix == ".npy" else write_yaml_grasps(path, made)
     same(read_grasps(path, spec), made)

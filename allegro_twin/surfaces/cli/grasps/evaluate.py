@@ -64,7 +64,7 @@ def evaluate(
     vary: Vary = None,
     side: Annotated[options.Sides | None, typer.Option(help="Which hand; default: the scenario's.")] = None,
     grasp: options.OtherGrasp = None,
-    thing: options.OtherObject = None,
+    object_name: options.OtherObject = None,
     seed: OwnSeed = None,
     out: Annotated[
         Path | None,
@@ -123,8 +123,8 @@ def evaluate(
         if side is options.Sides.both:
             raise ConfigError("a policy is for one side: --side right or left")
         scenarios = {
-            "--protocol": protocol, "--uncertainty": uncertainty, "--vary": vary, "--grasp": grasp, "--object": thing,
-            "--out": out, "--rrd": rrd, "--address": address, "--jobs": count,
+            "--protocol": protocol, "--uncertainty": uncertainty, "--vary": vary, "--grasp": grasp,
+            "--object": object_name, "--out": out, "--rrd": rrd, "--address": address, "--jobs": count,
             "--engine": None if engine is options.Engines.local else engine.value,
         }  # fmt: skip
         _refuse_unused(scenarios, "scenarios", f"{targets[0]} is a policy")
@@ -143,7 +143,7 @@ def evaluate(
         trials.check_recordings(out)
     noise = _noise(uncertainty, vary, seed or 0)
     model, serial = model_or_file(hand)
-    wanted = TargetOptions(protocol, _sides(side), grasp, thing, model, serial)
+    wanted = TargetOptions(protocol, _sides(side), grasp, object_name, model, serial)
     found = find_targets(_of_hand(_paths(targets), model), wanted)
     for target in {target.item["file"]: target for target in found if "file" in target.item}.values():
         for line in _said_of(target, named=hand is not None):
