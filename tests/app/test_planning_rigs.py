@@ -19,7 +19,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.schema import parse_settings
 from allegro_twin.learning.mpc.controller import MpcController
 from allegro_twin.learning.mpc.settings import MpcSettings, planner_settings
-from allegro_twin.learning.tasks.scenes import THING
+from allegro_twin.learning.tasks.scenes import OBJECT
 from allegro_twin.recording.reader import load
 from allegro_twin.sim.settings import SimSettings
 from allegro_twin.viewing import camera
@@ -105,7 +105,7 @@ def test_a_recording_of_an_episode_shows_its_object_and_its_goal(backend: Any, t
     assert goal is not None
     np.testing.assert_allclose(recording.columns["object_goal"][:, 3:], np.tile(goal[0], (len(recording), 1)))
     seen = scenery(recording.spec, recording.meta)
-    assert list(seen.objects) == [THING]
+    assert list(seen.objects) == [OBJECT]
     assert seen.palm == pytest.approx(recording.columns["palm"][0], abs=1e-6)
     assert (tmp_path / "kept.rrd").read_bytes().count(b"world/goals/object") > 0
 
@@ -232,7 +232,7 @@ def test_pictures_of_a_run_in_an_episode_show_its_object_as_it_is_then_and_its_g
 
         def take(self) -> camera.Picture:
             (goal,) = self.marks()
-            seen.append((self.scene.data.body(THING).xpos.copy(), goal.pose.copy()))
+            seen.append((self.scene.data.body(OBJECT).xpos.copy(), goal.pose.copy()))
             return np.zeros((8, 8, 3), dtype=np.uint8)
 
         def close(self) -> None: ...

@@ -35,9 +35,9 @@ class WrenchCompensation:
     def base_wrench(self, wrench: Vector, axes: Array, gravity: Vector, at: Vector) -> Vector:
         """External wrench on the tool in the axes of the base, about a point `at` of the flange's frame, (3,), m: (6,),
         N and N·m."""
-        felt = self.flange_wrench(wrench, axes, gravity)
-        force = felt[:3]
-        return np.concatenate([axes @ force, axes @ (felt[3:] - cross(at, force))])
+        measured = self.flange_wrench(wrench, axes, gravity)
+        force = measured[:3]
+        return np.concatenate([axes @ force, axes @ (measured[3:] - cross(at, force))])
 
     def with_tare(self, wrenches: Sequence[Vector]) -> WrenchCompensation:
         """The compensation under which the mean of the flange's `wrenches`, (6,) each, N and N·m, is zero. Raises

@@ -15,7 +15,7 @@ from allegro_twin.errors import CommandError, HandFault
 from allegro_twin.learning.environments.engine import EpisodeEngine
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.policy.interface import Observation
-from allegro_twin.learning.tasks.scenes import THING
+from allegro_twin.learning.tasks.scenes import OBJECT
 from allegro_twin.sim.model.appearance import scene_appearance
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Command, HandState, Vector, frozen
@@ -175,7 +175,7 @@ class EpisodeScene:
         self._scene = self._task.worlds.snapshot(0)
         self._palm = self._scene.model.body(episode.spec.root).id
         self._moves = bool(self._scene.model.body_weldid[self._palm])
-        object_names = () if self._task.object_body is None else (THING,)
+        object_names = () if self._task.object_body is None else (OBJECT,)
         self.appearance: Mapping[str, Any] = scene_appearance(self._scene.model, episode.spec, object_names)
         """As the metadata of a recording have it."""
 

@@ -28,7 +28,7 @@ from allegro_twin.learning.policy.script import (
 from allegro_twin.learning.tasks.base import StepOutcome, Ticks
 from allegro_twin.learning.tasks.grasp import HELD, LOST, WIDTH, GraspTask
 from allegro_twin.learning.tasks.scenes import (
-    THING,
+    OBJECT,
     TaskScene,
     known_scenarios,
     palm_turn,
@@ -189,10 +189,10 @@ class HoldDisturbedTask(GraspTask):
         def around(worlds: SharedModelBatch, k: int) -> None:
             hand, _, holds = worlds.presenter()
             if k == 0:
-                worlds.free_body(THING).pose[0, :3] = path[0]
+                worlds.free_body(OBJECT).pose[0, :3] = path[0]
             hand[0], holds[0] = path[min(k, len(path) - 1)], k < release
             if k in (release, last - 1):
-                positions.append(np.array(worlds.free_body(THING).pose[0, :3]))
+                positions.append(np.array(worlds.free_body(OBJECT).pose[0, :3]))
 
         script = sample_script(closing_moves(scene.grasp, self.wait, self.squeeze), scene.grasp.preshape, last, period)
         self.worlds.keep_start(number, play_script(self.spec, scene.model, self.gains, script, self.settings, around))

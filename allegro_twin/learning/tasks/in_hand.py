@@ -19,7 +19,7 @@ from allegro_twin.learning.environments.settings import EnvSettings, ResetOption
 from allegro_twin.learning.tasks.base import Flags, Task, Ticks
 from allegro_twin.learning.tasks.scenes import (
     FACING,
-    THING,
+    OBJECT,
     add_variant,
     make_worlds,
     not_one_environment,
@@ -150,7 +150,7 @@ class InHandTask(Task):
             self._add_object(grasp_object, n, threads)
         self.interface = self._interface(step=self.step)
         self._lower, self._upper = (self.worlds.xp.asarray(limit) for limit in (self.spec.lower, self.spec.upper))
-        self.object_body = self.worlds.free_body(THING)
+        self.object_body = self.worlds.free_body(OBJECT)
         self.camera = ObjectCamera(settings.randomise, self.object_body, settings.decimation)
         xp = self.worlds.xp
         self.place = xp.zeros((n, 3))

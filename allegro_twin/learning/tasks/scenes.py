@@ -31,7 +31,7 @@ from allegro_twin.types import Array, Vector
 if TYPE_CHECKING:
     import mujoco
 
-THING = "object"
+OBJECT = "object"
 """Name of every object in these scenes, so that they have the same layout."""
 _COARSE = (10.0, 10, 1e-5)  # impratio, iterations and tolerance of the solver.
 
@@ -113,7 +113,7 @@ def _build_scene(
     name: str, surroundings: Stage, retreat: Vector, spec: HandSpec, settings: EnvSettings, grasp: str
 ) -> TaskScene:
     placed = surroundings.objects[0]
-    obj = replace(placed, grasp_object=replace(placed.grasp_object, name=THING))
+    obj = replace(placed, grasp_object=replace(placed.grasp_object, name=OBJECT))
     # On a device a geom has the same type in all simulations.
     one_layout = settings.device != "cpu" and placed.grasp_object.shape in SIZES_OF_KIND
     model = compile_task_scene(
@@ -145,7 +145,7 @@ def upturned_model(
 ) -> mujoco.MjModel:
     """Model of an object at a place (3,), m, over the upturned palm. The fingers point along the world's x, so the
     palm's x is up and its y the world's y."""
-    placed = PlacedObject(replace(obj, name=THING), place, (1.0, 0.0, 0.0, 0.0))
+    placed = PlacedObject(replace(obj, name=OBJECT), place, (1.0, 0.0, 0.0, 0.0))
     surroundings = Stage(np.zeros(3), FACING, [placed], friction=friction, every_shape=every_shape, sensed=True)
     return compile_task_scene(spec, surroundings, settings)
 

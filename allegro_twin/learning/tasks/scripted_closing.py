@@ -20,7 +20,7 @@ from allegro_twin.learning.environments.settings import EnvSettings, Level, Rese
 from allegro_twin.learning.policy.card import GraspScript
 from allegro_twin.learning.policy.script import SampledScript, closing_moves, closing_time, sample_script, script_table
 from allegro_twin.learning.tasks.base import Flags, Task
-from allegro_twin.learning.tasks.scenes import THING, TaskScene, add_variant, known_scenarios, make_worlds
+from allegro_twin.learning.tasks.scenes import OBJECT, TaskScene, add_variant, known_scenarios, make_worlds
 from allegro_twin.sim.batch.core import Rows
 from allegro_twin.sim.batch.link_contacts import LinkContacts
 from allegro_twin.sim.contact.contacts import penetration_depth
@@ -95,7 +95,7 @@ class ScriptedClosingTask(Task):
             if index == 0:
                 self.worlds = make_worlds(self.spec, scene.model, n, threads, settings)
             self._add_object(scene, choice, None)
-        self.object_body = self.worlds.free_body(THING)
+        self.object_body = self.worlds.free_body(OBJECT)
         self.contacts = LinkContacts(self.worlds, within=False)
         xp = self.worlds.xp
         self.offset = xp.zeros((n, 3))
@@ -111,7 +111,7 @@ class ScriptedClosingTask(Task):
         """Penetration depth of an object of `size` times its size and the pre-shaped hand, m."""
         pose = scene.pose.copy()
         pose[:3] += self.grasp_offset(scene, size)
-        return penetration_depth(scene.model, self.spec, scene.grasp.preshape, THING, pose, size)
+        return penetration_depth(scene.model, self.spec, scene.grasp.preshape, OBJECT, pose, size)
 
     @abstractmethod
     def grasp_offset(self, scene: TaskScene, size: float) -> Vector:

@@ -35,7 +35,7 @@ from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaterni
 from allegro_twin.learning.environments.randomise import PhysicsRandomiser
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.tasks.base import Flags
-from allegro_twin.learning.tasks.scenes import FACING, THING, palm_height, upturned_model
+from allegro_twin.learning.tasks.scenes import FACING, OBJECT, palm_height, upturned_model
 from allegro_twin.learning.tasks.vectors import tilt
 from allegro_twin.sim.batch.core import Rows
 from allegro_twin.sim.batch.cpu import CpuBatch
@@ -231,7 +231,7 @@ def try_candidates(
     model = upturned_model(spec, grasp_object, (0.0, 0.0, 0.2), EnvSettings(timestep=PERIOD), FRICTION)
     worlds, rows = CpuBatch(spec, model, AT_ONCE, 0), np.arange(AT_ONCE)
     worlds.choose(rows, np.zeros(AT_ONCE, np.int64))
-    body = worlds.free_body(THING)
+    body = worlds.free_body(OBJECT)
     physics = PhysicsRandomiser(worlds, body)
     size = physics.sizes(worlds.variant, _draw_sizes(wanted.sizes, rng))
     sizes = 2.0 * size[:, None] * grasp_object.half_extents()
@@ -283,7 +283,7 @@ def survives_noise(spec: HandSpec, grasp_object: GraspObject, states: StartState
     model = upturned_model(spec, grasp_object, (0.0, 0.0, 0.2), EnvSettings(timestep=PERIOD), FRICTION)
     worlds = CpuBatch(spec, model, len(many), 0)
     worlds.choose(rows, 0 * rows)
-    body = worlds.free_body(THING)
+    body = worlds.free_body(OBJECT)
     physics = PhysicsRandomiser(worlds, body)
     physics.apply(rows, {"size": physics.sizes(worlds.variant, states.size[many])})
     place = states.pose[many, :3] + rng.uniform(-NOISE_PLACE, NOISE_PLACE, (len(many), 3))

@@ -446,8 +446,11 @@ def _add_pictures(paths: list[Path], scenario: Scenario, folder: Path, *, hull: 
     """Pictures of the trials and of a mesh's repair, counted among the files of a plan."""
     from allegro_twin.files.output_folder import add_to_run
 
-    thing = scenario.objects[0]
-    add_to_run(folder, [*show_repair(thing.file, thing.scale, folder, hull=hull), *_make_pictures(paths, folder)])
+    scenario_object = scenario.objects[0]
+    add_to_run(
+        folder,
+        [*show_repair(scenario_object.file, scenario_object.scale, folder, hull=hull), *_make_pictures(paths, folder)],
+    )
 
 
 def _make_pictures(paths: list[Path], folder: Path) -> list[Path]:
