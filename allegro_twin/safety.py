@@ -130,18 +130,18 @@ def check_speed(peak: Vector, limits: Limits, spec: HandSpec, what: str, setting
     )
 
 
-Way = Callable[[Vector, Vector], None]
+PathCheck = Callable[[Vector, Vector], None]
 """Raises CommandError for a position and a goal, (n,), rad, between which a hand must not go."""
 
 
 class Guard:
     """Limits and trips. A fault leaves the hand limp until `reset`; every HandError carries the last samples.
 
-    `way`: what looks at the way of a command to a position before it is sent.
+    `path_check`: examines the path to a commanded position before it is sent.
     """
 
-    def __init__(self, inner: HandBackend, limits: Limits, way: Way | None = None) -> None:
-        self._inner, self._limits, self._way = inner, limits, way
+    def __init__(self, inner: HandBackend, limits: Limits, path_check: PathCheck | None = None) -> None:
+        self._inner, self._limits, self._path_check = inner, limits, path_check
         self._history: deque[Sample] = deque(maxlen=HISTORY)
         self._limp = limp_of(inner.spec)
         self._state: HandState | None = None
@@ -217,8 +217,8 @@ class Guard:
                 torque = no_faster(torque, torque_of(self.applied, spec), limits.rate * self.period)
             return TorqueCommand(torque)
         allowed = bounded(position_of(command, spec), state, limits, spec)
-        if self._way is not None and not allowed.limp:
-            self._way(state.position, allowed.position)
+        if self._path_check is not None and not allowed.limp:
+            self._path_check(state.position, allowed.position)
         return allowed
 
     def _ready(self) -> HandState:

@@ -111,7 +111,7 @@ class _Driven:
         )
         options = {"sleep_after_open": 0.0}
         bus = open_bus("slcan", str(self._tty), 1_000_000, options)
-        self._link = AdapterLink(bus, way=bus.address)  # type: ignore[attr-defined]  # Ours has one.
+        self._link = AdapterLink(bus, address=bus.address)  # type: ignore[attr-defined]  # Ours has one.
         self._link.listen(self._listen)
         self.backend = CanBackend(load_spec(), make_codec("v4"), self._link.port, settings)
 

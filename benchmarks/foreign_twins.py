@@ -127,7 +127,7 @@ def _felt(kind: str, seed: int, folder: Path, hand: str, free: Path) -> dict[str
 def _covered(value: Any, true: Any) -> list[int]:
     """Of how many determined values the interval holds the truth, and how many are determined."""
     inside = np.abs(value.value - true) <= value.half
-    return [int(inside[value.determined].sum()), int(value.determined.sum())]
+    return [int(inside[value.identifiable].sum()), int(value.identifiable.sum())]
 
 
 def _rms(row: Any) -> float:

@@ -122,7 +122,7 @@ def _errors(truth: Mapping[str, Any], found: Identification) -> dict[str, Any]:
         relative = name in ("torque_constant", "armature", "damping", "stribeck_speed")
         result[name] = _text(error / true[name] if relative else error)
         result[f"{name}_inside"] = _text(np.abs(error) <= value.half)
-        result[f"{name}_determined"] = _text(value.determined)
+        result[f"{name}_determined"] = _text(value.identifiable)
     result["friction_share"] = _text((found.values["frictionloss"].value - true["frictionloss"]) / true["frictionloss"])
     return result | {
         "residual": _text(found.fit.spread.residual),

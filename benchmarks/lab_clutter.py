@@ -53,7 +53,7 @@ def tried(settings: LabSettings) -> Row:
         cell.close()
     near = [float(np.hypot(*np.subtract(each.at, settings.objects[0].at))) for each in settings.objects[1:]]
     return {
-        "objects": [each.name for each in settings.objects], "apart": near, "taken": report.thing,
+        "objects": [each.name for each in settings.objects], "apart": near, "taken": report.object_name,
         "grasp": report.grasp, "end": str(report.end), "sentence": report.end.sentence, "truly": bool(report.is_lifted),
         "error": report.error, "moved": dict(report.moved), "doubt": bool(report.checked and report.checked.warning),
     }  # fmt: skip

@@ -139,7 +139,7 @@ def tried(settings: LabSettings, number: int, kind: str | None, objects: Sequenc
     cell = make_cell(with_objects(settings, objects, number))
     try:
         report = perform(cell)
-        low = [one.name for one in objects if cell.robot.thing(one.name).position[2] < -0.01]
+        low = [one.name for one in objects if cell.robot.object_pose(one.name).position[2] < -0.01]
     finally:
         cell.close()
     return {

@@ -89,7 +89,7 @@ def picture(placed: PlacedObject, settings: DepthCameraSettings, seed: int) -> C
 
 
 def _tried(pipeline: PerceptionPipeline, placed: PlacedObject, frame: CameraFrame) -> Trial:
-    thing, cloud, spent, beside = placed.thing, frame.cloud, np.inf, np.inf
+    thing, cloud, spent, beside = placed.grasp_object, frame.cloud, np.inf, np.inf
     for _ in range(_TIMES):
         begin = time.perf_counter()
         seen = pipeline.detect(cloud, frame.pose.position, frame.pose.rotation)
@@ -131,7 +131,7 @@ def _baseline(seen: Detection, frame: CameraFrame, placed: PlacedObject, turn: A
     camera = (voxel(seen.points, _VOXEL) - frame.pose.position) @ frame.pose.rotation
     found = principal_frame(camera)
     off = 1e3 * float(np.linalg.norm(frame.pose.world(found.centroid) - placed.position))
-    edges = 2.0 * placed.thing.half_extents()
+    edges = 2.0 * placed.grasp_object.half_extents()
     longest = [turn[:, k] for k in range(3) if edges[k] > edges.max() - _EQUAL]
     if len(longest) > 1:  # A ball, a flat can, a cube: no main axis.
         return off, float("nan")

@@ -76,7 +76,7 @@ def _tile(placed: PlacedObject, settings: PerceptionSettings) -> Picture:
         for axis, color in zip(aim.rotation.T, _AXES, strict=True):
             draw.line([tuple(p) for p in _pixels(np.stack([aim.position, aim.position + 0.04 * axis]), eye)], color, 3)
     off = 1e3 * float(np.linalg.norm(found.solid.position - placed.position))
-    draw.text((130, 92), f"{placed.thing.name}: {found.solid.shape}, {off:.1f} mm off", fill=(0, 0, 0))
+    draw.text((130, 92), f"{placed.grasp_object.name}: {found.solid.shape}, {off:.1f} mm off", fill=(0, 0, 0))
     return np.asarray(image)[80:400, 120:500]
 
 

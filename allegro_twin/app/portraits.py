@@ -62,7 +62,7 @@ def portrait(target: EvaluationTarget, path: Path) -> None:
     moment = next((window.end for window in rig.trial.windows if window.check), rig.trial.seconds)
     with ExitStack() as stack:
         samples = until(moment, run(rig.backend, rig.controller))
-        name = rig.trial.things[0].thing.name
+        name = rig.trial.objects[0].grasp_object.name
         for _ in photographed(samples, rig.sim, None, path, [moment], SIZE, AUTO, stack, [name]):
             pass
 

@@ -57,11 +57,11 @@ def wanted_of(settings: PositionSettings | FollowSettings, context: ControllerCo
         return _in_the_open(load_grasp(task.grasp, spec), spec)
     seconds = _longest(spec, settings.speed) + STAY
     posture = _first(spec) if task.posture is None else posture_of(task.posture, spec)
-    wish = Waypoint(posture, speed=settings.speed, profile=settings.profile)
+    goal = Waypoint(posture, speed=settings.speed, profile=settings.profile)
     if task.posture is None or context.replayed:  # Nobody asked for a posture, or nothing moves.
-        return Wanted(Moves([wish]), seconds)
+        return Wanted(Moves([goal]), seconds)
     name = task.posture if isinstance(task.posture, str) else "the posture"
-    return Wanted(CollisionFreeMove(spec, wish, name), seconds)
+    return Wanted(CollisionFreeMove(spec, goal, name), seconds)
 
 
 def goal_of(config: RunConfig, spec: HandSpec) -> Vector | None:

@@ -186,9 +186,9 @@ def assemble(config: RunConfig, physics: Physics | None = None) -> Rig:
 
 def pose_of(episode: EpisodeBackend | None) -> Callable[[], Vector] | None:
     """How the true pose of an episode's object is told, (7,); None without an object."""
-    if episode is None or (thing := episode.engine.task.thing) is None:
+    if episode is None or (object_body := episode.engine.task.object_body) is None:
         return None
-    return lambda: frozen(thing.pose[0])
+    return lambda: frozen(object_body.pose[0])
 
 
 def guarded(config: RunConfig, spec: HandSpec, backend: HandBackend) -> Guard:

@@ -382,7 +382,7 @@ def _photographed(
                 import_module(name)
         from allegro_twin.viewing.stills import photographed
 
-        objects = [] if rig.trial is None else [rig.trial.things[0].thing.name]
+        objects = [] if rig.trial is None else [rig.trial.objects[0].grasp_object.name]
         scene, marks = _scene_of(rig)
         return photographed(samples, scene, outputs.video, outputs.image, _moments(rig), outputs.size,
                             outputs.camera, stack, objects, marks)  # fmt: skip

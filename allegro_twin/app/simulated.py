@@ -74,11 +74,11 @@ def trial_of(task: TaskSettings, spec: HandSpec, period: float, start: Vector | 
         return None
     from allegro_twin.grasping.trial import make_trial
 
-    return make_trial(task.scenario, spec, period, start, grasp=task.grasp, thing=task.object)
+    return make_trial(task.scenario, spec, period, start, grasp=task.grasp, object_name=task.object)
 
 
 def scenario_config(
-    scenario: Path | str, side: str | None = None, grasp: str | None = None, thing: str | None = None
+    scenario: Path | str, side: str | None = None, grasp: str | None = None, object_name: str | None = None
 ) -> RunConfig:
     """The config that runs a scenario as it is, or with another grasp or object: simulated, under PD or the firmware's
     own loop, with the nominal hand, in the period and with the gains that its protocol asks for."""
@@ -91,7 +91,7 @@ def scenario_config(
         {
             "hand": hand.model_dump(),
             "backend": {"kind": "sim"},
-            "task": {"scenario": str(path), "grasp": grasp, "object": thing},
+            "task": {"scenario": str(path), "grasp": grasp, "object": object_name},
             "controller": following(hand, rules.gains),
         }
         | ({} if rules.period is None else {"period": rules.period})

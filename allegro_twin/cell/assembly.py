@@ -77,21 +77,21 @@ def make_cell(settings: LabSettings, plates: Sequence[PicturePlate] = (), wanted
     taken, by its name. Raises ConfigError, one line for the first thing that is wrong."""
     spec, library = load_spec(settings.hand.model, settings.hand.side), Library()
     hand_open = spec.rest if settings.hand.open is None else library.posture(settings.hand.open, spec)
-    things, arm = [place_object(thing) for thing in settings.objects], settings.arm
+    objects, arm = [place_object(each) for each in settings.objects], settings.arm
     tray = settings.tray
 
     def made(posture: Vector | None, placed: Sequence[PlacedObject]) -> ArmWithHand:
         periods = (arm.period, PERIOD)
-        return make_arm_with_hand(arm.model, spec, things=placed, posture=posture, hand_posture=hand_open,
+        return make_arm_with_hand(arm.model, spec, objects=placed, posture=posture, hand_posture=hand_open,
                          friction=settings.friction, periods=periods, collision=arm.collision,
                          tray=None if tray is None else TrayBox(*tray.at, *tray.size, tray.height),
                          plates=plates)  # fmt: skip
 
     security, posture = waiting_pose(made(None, ()), settings.security)
-    robot = made(posture, things)
+    robot = made(posture, objects)
     motors = [robot.world.model.actuator(name).id for name in spec.joints]
     forces = robot.world.model.actuator_forcerange[motors].T.copy()  # Before the hand limits its own efforts.
-    check_scene(robot, settings, things)
+    check_scene(robot, settings, objects)
     noise = np.array([settings.validation.noise] * 3 + [0.0] * 3)
     camera = open_camera(robot.world.model, settings.camera, settings.seed)
     return Cell(
@@ -101,7 +101,7 @@ def make_cell(settings: LabSettings, plates: Sequence[PicturePlate] = (), wanted
         hand_kinematics(spec), library, security, posture, hand_open, load_gains(settings.hand.gains, spec).kp, forces,
         ObstacleClearance(robot.spec, MountedHand(spec, robot.mount), robot.base.position),
         SelfFilter(robot, settings.camera, camera.lens),
-        next((each.thing for each in things if each.thing.name == wanted), None),
+        next((each.grasp_object for each in objects if each.grasp_object.name == wanted), None),
     )  # fmt: skip
 
 
@@ -111,6 +111,6 @@ def waiting_pose(robot: ArmWithHand, wait: SecuritySettings) -> tuple[Pose, Vect
     return security, robot.model.reach(robot.flange_for(security), near=np.array(_WAITING), tolerance=2e-3)
 
 
-def with_objects(settings: LabSettings, things: Sequence[TableObjectSettings], seed: int) -> LabSettings:
+def with_objects(settings: LabSettings, objects: Sequence[TableObjectSettings], seed: int) -> LabSettings:
     """Settings of the same cell with other objects on the table."""
-    return settings.model_copy(update={"objects": tuple(things), "seed": seed})
+    return settings.model_copy(update={"objects": tuple(objects), "seed": seed})

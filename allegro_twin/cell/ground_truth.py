@@ -28,7 +28,7 @@ class ObjectPlaces(NamedTuple):
 def object_places(cell: Cell) -> ObjectPlaces:
     """Where each object of a cell really is, by MuJoCo's state; pictures do not count."""
     model, data = cell.robot.world.model, cell.robot.world.data
-    names = [thing.name for thing in cell.settings.objects]
+    names = [each.name for each in cell.settings.objects]
     bodies = {name: model.body(name).id for name in names}
     touching = _touching(cell)
     carried, new = set[int | str](), set[int | str]({_TRAY})

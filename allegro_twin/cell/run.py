@@ -63,7 +63,7 @@ class LabReport:
     lifted: float
     """How much higher the thing's middle of mass is than it was when the hand went for it, m; 0 where it never did; NaN
     where it is off the table, for there is no floor beside it. Only a simulation knows."""
-    thing: str = ""
+    object_name: str = ""
     """Its name: of those in the scene the one that is nearest to what was seen last. Only a simulation knows."""
     moved: tuple[tuple[str, float], ...] = ()
     """Other objects on the table that are not where they were, and how far, m. Only a simulation knows."""
@@ -234,15 +234,15 @@ class _Story:
     def _middles(self) -> dict[str, float]:
         """How high every object's middle of mass really is, m: what tips over turns about that."""
         world = self._cell.robot.world
-        names = [thing.name for thing in self._cell.settings.objects]
+        names = [each.name for each in self._cell.settings.objects]
         return {name: float(world.data.subtree_com[world.model.body(name).id][2]) for name in names}
 
     def _places(self) -> dict[str, Array]:
         """Where every object really is, (3,), m."""
-        return {thing.name: self._cell.robot.thing(thing.name).position for thing in self._cell.settings.objects}
+        return {each.name: self._cell.robot.object_pose(each.name).position for each in self._cell.settings.objects}
 
 
-def other_than_wanted(end: CellOutcome, thing: str, risen: Mapping[str, float], cell: Cell) -> CellOutcome:
+def other_than_wanted(end: CellOutcome, object_name: str, risen: Mapping[str, float], cell: Cell) -> CellOutcome:
     """The end, which is a miss where another thing is held than the one that was asked for. `risen`: by how much each
     thing is higher than it was, m, as a simulation knows it: of a real camera's pictures nobody does."""
     wanted, settings = cell.wanted, cell.settings
@@ -250,13 +250,16 @@ def other_than_wanted(end: CellOutcome, thing: str, risen: Mapping[str, float], 
     if (
         end.kind != "held"
         or wanted is None
-        or thing == wanted.name
+        or object_name == wanted.name
         or risen.get(wanted.name, 0.0) > _LIFTED
         or not known
     ):
         return end
-    said = f"held {thing}, not {wanted.name}: of what was seen it was most like it, or had most points in the picture"
-    way = f"move {thing} away, or {wanted.name} to where the camera sees it alone and whole"
+    said = (
+        f"held {object_name}, not {wanted.name}: of what was seen it was most like it, or had most points in the "
+        "picture"
+    )
+    way = f"move {object_name} away, or {wanted.name} to where the camera sees it alone and whole"
     return CellOutcome("missed", "another object", f"{said}; {way}")
 
 
@@ -279,7 +282,7 @@ def arm_controller(cell: Cell, guide: ArmGuide) -> GuidedImpedance:
     """The arm's controller. Raises ConfigError for a spring that friction holds."""
     arm = cell.settings.arm
     stiffness = Stiffness(arm.stiffness, arm.angular_stiffness)
-    stuck(cell.robot.model, cell.posture, stiffness, _SLACK, felt=True)
+    stuck(cell.robot.model, cell.posture, stiffness, _SLACK, force_sensor=True)
     smoothing = Smoothing(arm.speed, arm.turning)
     return GuidedImpedance(cell.robot.model, guide, stiffness.diagonal(), smoothing, cell.robot.compensation)
 

@@ -132,69 +132,73 @@ def endless_run(now: MachineState, t: float, rules: StateRules, whose: str) -> M
     return ended(now, t, CellOutcome("fault", "endless", said))
 
 
-def next_state(now: MachineState, seen: Observation, rules: StateRules) -> MachineState:
+def next_state(now: MachineState, observation: Observation, rules: StateRules) -> MachineState:
     """Where it is after what is known; the same `now` while nothing changes."""
     if now.state == "Done":
         return now
-    if seen.fault is not None:
-        if now.state == "Validate" and rules.objects and seen.fault.reason in _UNSURE:
-            return _put_back(now, seen.t, seen.fault)
-        return ended(now, seen.t, seen.fault)
-    if seen.reflex is not None:
+    if observation.fault is not None:
+        if now.state == "Validate" and rules.objects and observation.fault.reason in _UNSURE:
+            return _put_back(now, observation.t, observation.fault)
+        return ended(now, observation.t, observation.fault)
+    if observation.reflex is not None:
         if now.state == "Retreat":
-            return ended(now, seen.t, seen.reflex)  # Whichever way it goes.
-        return replace(now, state="Retreat", since=seen.t, cause=seen.reflex)
-    late = seen.t - now.since >= rules.timeouts[now.state] - 1e-9
+            return ended(now, observation.t, observation.reflex)  # Whichever way it goes.
+        return replace(now, state="Retreat", since=observation.t, cause=observation.reflex)
+    late = observation.t - now.since >= rules.timeouts[now.state] - 1e-9
     match now.state:
         case "Look":
-            if seen.done and rules.objects and now.released >= rules.objects:
-                return ended(now, seen.t, _cleared(now, _full(rules), seen.warning))
-            if seen.done:
-                return replace(now, state="ToTargetPose", since=seen.t)
+            if observation.done and rules.objects and now.released >= rules.objects:
+                return ended(now, observation.t, _cleared(now, _full(rules), observation.warning))
+            if observation.done:
+                return replace(now, state="ToTargetPose", since=observation.t)
             if late:
-                refused = seen.refused or CellOutcome("fault", "camera", "no picture has come: see to its cable")
-                return ended(now, seen.t, _cleared(now, refused, seen.warning) if rules.objects else refused)
+                refused = observation.refused or CellOutcome("fault", "camera", "no picture has come: see to its cable")
+                return ended(
+                    now, observation.t, _cleared(now, refused, observation.warning) if rules.objects else refused
+                )
             return now
         case "Retreat" if now.cause is not None:
-            return _again(now, seen.t, rules, now.cause) if seen.done or late else now
+            return _again(now, observation.t, rules, now.cause) if observation.done or late else now
         case "Validate":
-            if seen.held is None and not late:
+            if observation.held is None and not late:
                 return now
-            if seen.held and rules.objects:
-                return replace(now, state="ToReleasePose", since=seen.t, carries=True)
-            if seen.held:
-                return ended(now, seen.t, CellOutcome("held", "", seen.warning))
-            said = "; ".join(filter(None, ("the thing is not in the hand", seen.warning)))
+            if observation.held and rules.objects:
+                return replace(now, state="ToReleasePose", since=observation.t, carries=True)
+            if observation.held:
+                return ended(now, observation.t, CellOutcome("held", "", observation.warning))
+            said = "; ".join(filter(None, ("the thing is not in the hand", observation.warning)))
             missed = CellOutcome("missed", "", said)
-            if seen.loaded:
-                return _put_back(now, seen.t, missed)
-            return _again(now, seen.t, rules, missed)
-        case "ToReleasePose" if seen.held is False:
+            if observation.loaded:
+                return _put_back(now, observation.t, missed)
+            return _again(now, observation.t, rules, missed)
+        case "ToReleasePose" if observation.held is False:
             lost = CellOutcome("missed", "", "it was lost on the way to the tray")
-            return _again(replace(now, carries=False), seen.t, rules, lost)
-        case "ToReleasePose" if seen.refused is not None:
-            return _put_back(now, seen.t, seen.refused)
-        case "OpeningHand" if seen.done and now.put_back is not None:
-            return _again(replace(now, carries=False, put_back=None), seen.t, rules, now.put_back)
-        case "OpeningHand" if seen.done:
-            return MachineState("ToSecurityPose", seen.t, released=now.released + 1)
-    if seen.done:
-        return replace(now, state=_NEXT[now.state], since=seen.t)
-    return _again(now, seen.t, rules, _stuck(now, rules)) if late else now
+            return _again(replace(now, carries=False), observation.t, rules, lost)
+        case "ToReleasePose" if observation.refused is not None:
+            return _put_back(now, observation.t, observation.refused)
+        case "OpeningHand" if observation.done and now.put_back is not None:
+            return _again(replace(now, carries=False, put_back=None), observation.t, rules, now.put_back)
+        case "OpeningHand" if observation.done:
+            return MachineState("ToSecurityPose", observation.t, released=now.released + 1)
+    if observation.done:
+        return replace(now, state=_NEXT[now.state], since=observation.t)
+    return _again(now, observation.t, rules, _stuck(now, rules)) if late else now
 
 
-def watch_outcome(now: MachineState, seen: Observation, rules: StateRules) -> MachineState:
+def watch_outcome(now: MachineState, observation: Observation, rules: StateRules) -> MachineState:
     """What an end comes to while arm and hand are watched after it: held for as long as nothing says otherwise."""
     if now.end is None or now.end.kind != "held":
         return now
-    if seen.fault is not None:
-        return ended(now, seen.t, seen.fault)
-    if seen.held is False:
-        said = "; ".join(filter(None, ("it was held after the lift, and is no longer", seen.warning)))
-        return ended(now, seen.t, CellOutcome("fault", "dropped", said))
-    if seen.held is None and seen.t - now.since >= rules.timeouts["Validate"] - 1e-9:
+    if observation.fault is not None:
+        return ended(now, observation.t, observation.fault)
+    if observation.held is False:
+        said = "; ".join(filter(None, ("it was held after the lift, and is no longer", observation.warning)))
+        return ended(now, observation.t, CellOutcome("fault", "dropped", said))
+    if observation.held is None and observation.t - now.since >= rules.timeouts["Validate"] - 1e-9:
         return ended(
-            now, seen.t, CellOutcome("fault", "not confirmed", "the second check was not over; see to the camera")
+            now,
+            observation.t,
+            CellOutcome("fault", "not confirmed", "the second check was not over; see to the camera"),
         )
     return now
 

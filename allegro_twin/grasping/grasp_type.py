@@ -105,30 +105,30 @@ class GraspObservation:
     """Length of the longest finger, m."""
 
 
-def classify_grasp(seen: GraspObservation) -> ObservedType:
+def classify_grasp(observation: GraspObservation) -> ObservedType:
     """The type; `ObservedType.number` is None for none of the 33."""
-    return _Classifier(seen).type()
+    return _Classifier(observation).type()
 
 
 class _Classifier:
     """The contacts that carry, sorted by what they do."""
 
-    def __init__(self, seen: GraspObservation) -> None:
-        self.seen, self.shape = seen, seen.shape
-        total = sum(b.force for b in seen.bearings)
-        parts = {b.part: sum(c.force for c in seen.bearings if c.part == b.part) for b in seen.bearings}
+    def __init__(self, observation: GraspObservation) -> None:
+        self.observation, self.shape = observation, observation.shape
+        total = sum(b.force for b in observation.bearings)
+        parts = {b.part: sum(c.force for c in observation.bearings if c.part == b.part) for b in observation.bearings}
         self.share = {part: force / total for part, force in parts.items() if force >= CARRIES * total > 0.0}
-        self.bearings = [b for b in seen.bearings if b.part in self.share]
+        self.bearings = [b for b in observation.bearings if b.part in self.share]
         self.total = total
         self.palm = "palm" in self.share
-        self.thumb = seen.thumb if seen.thumb is not None else self._opposed()
+        self.thumb = observation.thumb if observation.thumb is not None else self._opposed()
         self.opposes = self.thumb in self.share
-        digits = [f for f in seen.fingers if f != self.thumb]
+        digits = [f for f in observation.fingers if f != self.thumb]
         self.hand = digits
         self.fingers = [f for f in digits if f in self.share]
         self.sides = [f for f in self.fingers if self._part_of(f, "side") >= MOSTLY]
         self.faces = [f for f in self.fingers if f not in self.sides]
-        self.abducted = seen.elevation >= ABDUCTED
+        self.abducted = observation.elevation >= ABDUCTED
 
     def type(self) -> ObservedType:
         """What it is, or why it is none."""
@@ -157,7 +157,7 @@ class _Classifier:
         if missing:
             return self._without(missing)
         if self.opposes:
-            return self._is(5 if self.shape.middle < SMALL * self.seen.reach else 4)
+            return self._is(5 if self.shape.middle < SMALL * self.observation.reach else 4)
         return self._is(30 if self.shape.flat else 15)
 
     def _wrapped(self) -> int:
@@ -165,7 +165,7 @@ class _Classifier:
             return 11
         if self.shape.disk:
             return 10
-        thick = self.shape.middle / self.seen.reach
+        thick = self.shape.middle / self.observation.reach
         return 2 if thick < SMALL else 1 if thick > LARGE else 3
 
     def _without_thumb(self) -> ObservedType:
@@ -272,7 +272,7 @@ class _Classifier:
 
     def _extended(self, finger: str) -> bool:
         """Whether a finger is stretched."""
-        return self.seen.straight.get(finger, 0.0) >= STRAIGHT
+        return self.observation.straight.get(finger, 0.0) >= STRAIGHT
 
     def _neighbours(self) -> bool:
         one, other = (self.hand.index(f) for f in self.fingers)
@@ -290,7 +290,7 @@ class _Classifier:
 
     def _opposed(self) -> str | None:
         """Digit without a name that all others press against; None where there is none."""
-        digits = [f for f in self.seen.fingers if f in self.share]
+        digits = [f for f in self.observation.fingers if f in self.share]
         ways = {f: self._direction(f) for f in digits}
         found = [f for f in digits if len(digits) > 1 and all(ways[f] @ ways[g] < 0.0 for g in digits if g != f)]
         return found[-1] if found else None

@@ -147,42 +147,42 @@ def _approaches(protocol: TrialProtocol) -> bool:
 def make_stage(scenario: Scenario, protocol: TrialProtocol, side: Side, folder: Path) -> Stage:
     """The table, the objects on it, and the hand where its approach begins."""
     check_object_names(scenario.objects)  # Another object may have been put in the place of the first.
-    things = [place_object(settings, folder) for settings in scenario.objects]
+    objects = [place_object(settings, folder) for settings in scenario.objects]
     offset = np.array(scenario.wrist.position)
     if scenario.wrist.over is not None:
-        half = _half_height(scenario.objects[0], things[0].thing)
+        half = _half_height(scenario.objects[0], objects[0].grasp_object)
         offset[2] = max(scenario.wrist.over.table, 2 * half + scenario.wrist.over.top) - half
     stand = None
     if scenario.stand is not None:
-        x, y, z = things[0].position
-        things[0] = replace(things[0], position=(x, y, z + scenario.stand.height))
+        x, y, z = objects[0].position
+        objects[0] = replace(objects[0], position=(x, y, z + scenario.stand.height))
         stand = (x, y, *scenario.stand.size, scenario.stand.height)
     wrist, edge = scenario.wrist, TABLE_END
     if scenario.push is not None and _approaches(protocol):
         wrist, offset = scenario.push.wrist, np.array(scenario.push.wrist.position)
     if scenario.edge is not None:
-        edge = things[0].position[0] + scenario.edge
-    position = np.add(things[0].position, offset)
+        edge = objects[0].position[0] + scenario.edge
+    position = np.add(objects[0].position, offset)
     if any(phase.wrist == "approach" for phase in protocol.phases):
         position = position + wrist.retreat
     rotation = matrix_facing(wrist.facing, wrist.fingers)
     if side == "left":
-        things = [_mirrored(thing, own) for thing, own in zip(things, scenario.objects, strict=True)]
+        objects = [_mirrored(placed, own) for placed, own in zip(objects, scenario.objects, strict=True)]
         mirror = np.diag(as_written(side))
         stand = stand and (stand[0], -stand[1], *stand[2:])
         position, rotation = mirror @ position, mirror @ rotation @ mirror
     if protocol.mass is not None:
-        if things[0].thing.shape == "mjcf":
+        if objects[0].grasp_object.shape == "mjcf":
             raise ConfigError(
-                f"object {things[0].thing.name}: an MJCF brings its own mass, and the protocol asks for "
+                f"object {objects[0].grasp_object.name}: an MJCF brings its own mass, and the protocol asks for "
                 f"{protocol.mass:g} kg: give the file that mass and take a protocol without `mass`"
             )
-        things[0] = replace(things[0], thing=replace(things[0].thing, mass=protocol.mass))
+        objects[0] = replace(objects[0], grasp_object=replace(objects[0].grasp_object, mass=protocol.mass))
     friction = (protocol.friction or scenario.friction) * protocol.physics.friction
     physics = protocol.physics.physics()
     x, y, z = (as_written(side) * physics.gravity + 0.0).tolist()  # No zero becomes -0.
     return Stage(
-        position, quaternion_from_matrix(rotation), things, friction, not protocol.floating, edge, wrist=True,
+        position, quaternion_from_matrix(rotation), objects, friction, not protocol.floating, edge, wrist=True,
         stand=None if protocol.floating else stand, physics=replace(physics, gravity=(x, y, z)),
     )  # fmt: skip
 
@@ -203,26 +203,26 @@ def place_object(settings: ScenarioObject, folder: Path = Path()) -> PlacedObjec
     """An object where its settings put it, on the table unless they say a height. `folder`: where its own file is
     looked for. Raises ConfigError for what its shape needs and does not have."""
     if settings.shape is None:
-        thing = load_object(settings.name)
+        grasp_object = load_object(settings.name)
         if settings.mass is not None:
-            thing = replace(thing, mass=settings.mass)
+            grasp_object = replace(grasp_object, mass=settings.mass)
     else:
-        thing = _own(settings, folder)
+        grasp_object = _own(settings, folder)
     if settings.mass is not None:
-        _check_density(thing)
+        _check_density(grasp_object)
     turned = standing_orientation(settings.up, float(np.radians(settings.yaw)))
     if len(settings.at) == 3:
         position = settings.at
     else:
         # 0.1 mm of air, so that the object settles instead of being pushed out of the table.
-        height = _half_height(settings, thing) + 1e-4
+        height = _half_height(settings, grasp_object) + 1e-4
         position = (*settings.at, height)
-    return PlacedObject(thing, position, tuple(turned))
+    return PlacedObject(grasp_object, position, tuple(turned))
 
 
-def _half_height(settings: ScenarioObject, thing: GraspObject) -> float:
+def _half_height(settings: ScenarioObject, grasp_object: GraspObject) -> float:
     """From the table to the middle of an object as it stands, m."""
-    return float(thing.half_extents()["xyz".index(settings.up)])
+    return float(grasp_object.half_extents()["xyz".index(settings.up)])
 
 
 def _own(settings: ScenarioObject, folder: Path) -> GraspObject:
@@ -244,20 +244,21 @@ def _own(settings: ScenarioObject, folder: Path) -> GraspObject:
     if settings.mass is None and shape not in ("mjcf", "mesh"):
         raise ConfigError(f"object {name}: a {shape} needs `mass`, kg")
     mass = settings.mass or float("nan")
-    thing = GraspObject(name, shape, settings.size or (), mass, file, settings.scale, settings.collision)
+    grasp_object = GraspObject(name, shape, settings.size or (), mass, file, settings.scale, settings.collision)
     if shape == "mesh" and settings.mass is None:
-        thing = replace(thing, mass=DENSITY * thing.mesh().volume)
-    return thing
+        grasp_object = replace(grasp_object, mass=DENSITY * grasp_object.mesh().volume)
+    return grasp_object
 
 
-def _check_density(thing: GraspObject) -> None:
+def _check_density(grasp_object: GraspObject) -> None:
     """Raises ConfigError for a mass that no solid of that size has."""
-    box = float(np.prod(2.0 * thing.half_extents()))
-    volume = thing.mesh().volume if thing.shape == "mesh" else _PART_OF_BOX[thing.shape] * box
-    if thing.mass > _DENSEST * volume:
+    box = float(np.prod(2.0 * grasp_object.half_extents()))
+    mass = grasp_object.mass
+    volume = grasp_object.mesh().volume if grasp_object.shape == "mesh" else _PART_OF_BOX[grasp_object.shape] * box
+    if mass > _DENSEST * volume:
         raise ConfigError(
-            f"object {thing.name}: {thing.mass:g} kg in {1e6 * volume:.3g} cm³ is {thing.mass / volume:,.0f} kg/m³, "
-            f"denser than any metal: masses are in kg; if this is in g, say {thing.mass / 1e3:g}"
+            f"object {grasp_object.name}: {mass:g} kg in {1e6 * volume:.3g} cm³ is {mass / volume:,.0f} kg/m³, "
+            f"denser than any metal: masses are in kg; if this is in g, say {mass / 1e3:g}"
         )
 
 
@@ -265,4 +266,4 @@ def _mirrored(placement: PlacedObject, settings: ScenarioObject) -> PlacedObject
     """Its place and its yaw in the mirror: the same axis points up, and a shape stays what it is."""
     x, y, z = placement.position
     turned = standing_orientation(settings.up, -float(np.radians(settings.yaw)))
-    return PlacedObject(placement.thing, (x, -y, z), tuple(turned))
+    return PlacedObject(placement.grasp_object, (x, -y, z), tuple(turned))

@@ -71,7 +71,7 @@ class Trial:
         scene = replace(scene, physics=scene.physics.for_hand(spec.coarsest_step, period))
         if draw is not None:
             scene = draw.on(scene, self.protocol.physics.friction)
-        self.things: tuple[PlacedObject, ...] = tuple(scene.things)
+        self.objects: tuple[PlacedObject, ...] = tuple(scene.objects)
         posture = first_posture(self.protocol, grasp, spec) if start is None else start
         timeline = make_timeline(self.protocol, grasp, scenario, posture, spec, period)
         self.windows: tuple[PhaseWindow, ...] = timeline.windows
@@ -80,8 +80,8 @@ class Trial:
         before = zip(timeline.segments, self.windows, strict=True)
         self._told = sum(float(segment.move[2]) for segment, window in before if window.end <= self.begin + 1e-9)
         model = (scenes or CompiledScenes(spec)).model(scene)
-        if draw is None and len(scene.things) > 1:
-            check_objects_apart(model, [each.thing.name for each in scene.things])
+        if draw is None and len(scene.objects) > 1:
+            check_objects_apart(model, [each.grasp_object.name for each in scene.objects])
         if draw is not None:
             motors = [model.actuator(joint).id for joint in spec.joints]
             if "torque" in spec.commands:
@@ -194,20 +194,24 @@ class Trial:
         )
 
     def _shape(self) -> ObjectShape:
-        thing = self.things[0].thing
-        box = box_edges(self.backend.model, thing.name) if thing.shape == "mjcf" else 2.0 * thing.half_extents()
+        grasp_object = self.objects[0].grasp_object
+        box = (
+            box_edges(self.backend.model, grasp_object.name)
+            if grasp_object.shape == "mjcf"
+            else 2.0 * grasp_object.half_extents()
+        )
         short, middle, long = sorted(box.tolist())
-        fill = {"sphere": np.pi / 6, "ellipsoid": np.pi / 6, "cylinder": np.pi / 4}.get(thing.shape, 1.0)
-        if thing.shape == "mesh":
-            fill = thing.mesh().volume / float(np.prod(box))
+        fill = {"sphere": np.pi / 6, "ellipsoid": np.pi / 6, "cylinder": np.pi / 4}.get(grasp_object.shape, 1.0)
+        if grasp_object.shape == "mesh":
+            fill = grasp_object.mesh().volume / float(np.prod(box))
         return ObjectShape(short, middle, long, float(fill))
 
     def report(self) -> TrialReport:
         """The verdict. Raises HandError when the trial was not run to its end."""
         if not self._rows or self._rows[-1][0] < self.seconds - 1e-9:
             raise HandError(f"the trial ended before its {self.seconds:.1f} s: there is no verdict")
-        t, torque, seen = zip(*self._rows, strict=True)
-        columns = {key: np.array([row[key] for row in seen]) for key in seen[0]}
+        t, torque, observations = zip(*self._rows, strict=True)
+        columns = {key: np.array([row[key] for row in observations]) for key in observations[0]}
         return self.judged(
             Observations(
                 np.array(t),
@@ -221,31 +225,33 @@ class Trial:
             )
         )
 
-    def judged(self, seen: Observations) -> TrialReport:
+    def judged(self, observations: Observations) -> TrialReport:
         """The verdict on what was observed of this trial."""
         spec = self.backend.spec
         report = judge(
-            seen, self.windows, self.rule,
+            observations, self.windows, self.rule,
             parts=self._probe.parts, joints=spec.joint_labels, torque_limit=spec.actuation.torque_limit,
         )  # fmt: skip
         report = replace(report, observed=self.observed_type())
-        self.pressing = self._pressing(seen)
-        return report if report.held else replace(report, reason="; ".join([report.reason, *self._loads(seen)]))
+        self.pressing = self._pressing(observations)
+        return report if report.held else replace(report, reason="; ".join([report.reason, *self._loads(observations)]))
 
-    def _pressing(self, seen: Observations) -> float:
+    def _pressing(self, observations: Observations) -> float:
         """By how much the palm is above where the wrist is told to be, times the wrist's stiffness, N."""
         if self.protocol.floating:
             return float("nan")
-        start, end = (int(np.searchsorted(seen.t, t + 1e-9, side="right")) - 1 for t in (0.0, self.begin))
-        up = float(seen.palm[end, 2] - seen.palm[start, 2])
+        start, end = (int(np.searchsorted(observations.t, t + 1e-9, side="right")) - 1 for t in (0.0, self.begin))
+        up = float(observations.palm[end, 2] - observations.palm[start, 2])
         return float(STIFF_WRIST.stiffness[2]) * (up - self._told)
 
-    def _loads(self, seen: Observations) -> list[str]:
+    def _loads(self, observations: Observations) -> list[str]:
         """What the hand had to carry, and which joints had no more to give up to the first check."""
         limit = self.backend.spec.actuation.torque_limit
         begin = self.begin
         end = next((w.end for w in self.windows if w.check), self.seconds)
-        share = (np.abs(seen.torque[(seen.t > begin) & (seen.t <= end)]) >= FULL * limit).mean(axis=0)
+        share = (np.abs(observations.torque[(observations.t > begin) & (observations.t <= end)]) >= FULL * limit).mean(
+            axis=0
+        )
         full = [name for name, part in zip(self.backend.spec.joint_labels, share, strict=True) if part > 0.5]
         loads = [("it weighs", self._weight), ("it is pushed with", self._push)]
         said = [f"{what} {newtons:.1f} N" for what, newtons in loads if newtons > 0.0]
@@ -254,17 +260,19 @@ class Trial:
 
     def meta(self) -> dict[str, object]:
         """What a recording should say of the scene."""
-        things = [
-            {"name": p.thing.name, "shape": p.thing.shape, "size": list(p.thing.size), "mass": p.thing.mass}
-            for p in self.things
+        objects = [
+            {"name": each.name, "shape": each.shape, "size": list(each.size), "mass": each.mass}
+            for each in (placed.grasp_object for placed in self.objects)
         ]
         return {
             "protocol": f"{self.scenario.protocol} {self.protocol.version}",
             "grasp": self.grasp.name,
-            "objects": things,
+            "objects": objects,
             "phases": [[w.name, w.begin, w.end] for w in self.windows],
             "judged": {"windows": [[w.name, w.begin, w.end, w.check] for w in self.windows]} | asdict(self.rule),
-            "look": scene_appearance(self.backend.model, self.backend.spec, tuple(p.thing.name for p in self.things)),
+            "look": scene_appearance(
+                self.backend.model, self.backend.spec, tuple(placed.grasp_object.name for placed in self.objects)
+            ),
         }
 
 
@@ -288,14 +296,14 @@ def make_trial(
     start: Vector | None = None,
     *,
     grasp: str | None = None,
-    thing: str | None = None,
+    object_name: str | None = None,
 ) -> Trial:
     """A scenario by name or path, ready to run with this hand; with another grasp, or another object of the catalogue
     in place of its first, if they are named. Raises ConfigError."""
     settings, path = load_scenario(scenario)
     if settings.model != spec.model and grasp is None:
         raise ConfigError(f"{path} is for the hand {settings.model}; this one is {spec.model}: name another grasp, too")
-    if thing is not None:
-        settings = with_object(settings, thing)
+    if object_name is not None:
+        settings = with_object(settings, object_name)
     chosen = load_grasp(grasp or settings.grasp, spec)
     return Trial(settings, spec, chosen, folder=path.parent, period=period, start=start)

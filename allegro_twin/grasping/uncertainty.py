@@ -72,20 +72,20 @@ class Perturbation:
         """The stage as it is in this case; the hand stays where it would be. `factor`: on friction. Raises ConfigError
         for an object that brings its own sizes."""
         friction = stage.friction if self.friction is None else self.friction * factor
-        things = [self._moved(stage.things[0], on_something=stage.table), *stage.things[1:]]
-        return replace(stage, things=things, friction=friction)
+        objects = [self._moved(stage.objects[0], on_something=stage.table), *stage.objects[1:]]
+        return replace(stage, objects=objects, friction=friction)
 
     def _moved(self, placed: PlacedObject, *, on_something: bool) -> PlacedObject:
-        thing = placed.thing
+        grasp_object = placed.grasp_object
         x, y, z = placed.position
-        if thing.shape == "mjcf" and (self.size != 1.0 or self.mass != 1.0):
-            raise ConfigError(f"object {thing.name}: an MJCF brings its own size and mass; say size=0,mass=0")
+        if grasp_object.shape == "mjcf" and (self.size != 1.0 or self.mass != 1.0):
+            raise ConfigError(f"object {grasp_object.name}: an MJCF brings its own size and mass; say size=0,mass=0")
         if on_something and self.size != 1.0:
             turned = np.abs(matrix_from_quaternion(np.array(placed.quaternion))[2])
-            z += float(turned @ thing.half_extents()) * (self.size - 1.0)
+            z += float(turned @ grasp_object.half_extents()) * (self.size - 1.0)
         larger = replace(
-            thing, size=tuple(s * self.size for s in thing.size), mass=thing.mass * self.mass,
-            stretch=thing.stretch * self.size,
+            grasp_object, size=tuple(s * self.size for s in grasp_object.size), mass=grasp_object.mass * self.mass,
+            stretch=grasp_object.stretch * self.size,
         )  # fmt: skip
         w, i, j, k = quaternion_product(
             quaternion_from_vector(np.array([0.0, 0.0, self.yaw])), placed.quaternion

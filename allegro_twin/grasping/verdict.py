@@ -53,7 +53,7 @@ class Observations:
     """(k,), s."""
     palm: Array
     """Position and quaternion in the world, (k, 7), m."""
-    thing: Array
+    object_pose: Array
     """Pose of the object in the world, (k, 7), m."""
     contact_force: Array
     """Sum of normal forces on the object by each part of the hand, (k, p), N."""
@@ -146,7 +146,7 @@ def faulted(reason: str) -> TrialReport:
 
 
 def judge(
-    seen: Observations,
+    observations: Observations,
     windows: Sequence[PhaseWindow],
     rule: Rule,
     *,
@@ -158,74 +158,80 @@ def judge(
     `rotation` in the palm's frame since the end of the reference phase, is off the table and touches the hand; and by
     the first of them it rose as far as the rule's `lift`, but for `drift`. `torque_limit`: (n,), N·m; inf
     where it is unknown."""
-    start = _last(seen.t, next(w.end for w in windows if w.name == rule.reference))
-    position, angle = relative_motion(seen.palm, seen.thing, start)
+    start = _last(observations.t, next(w.end for w in windows if w.name == rule.reference))
+    position, angle = relative_motion(observations.palm, observations.object_pose, start)
     phases = []
     begun = False
     for window in windows:
         if begun:
-            phases.append(_phase(seen, window, parts, position, angle, rule))
+            phases.append(_phase(observations, window, parts, position, angle, rule))
         begun = begun or window.name == rule.reference
     checks = [window for window in windows if window.check]
-    rise = float(seen.thing[_last(seen.t, checks[0].end), 2] - seen.thing[start, 2]) if checks else 0.0
+    rise = (
+        float(observations.object_pose[_last(observations.t, checks[0].end), 2] - observations.object_pose[start, 2])
+        if checks
+        else 0.0
+    )
     reason = next(
-        (_why(p, seen, w) for p in phases for w in windows if w.name == p.name and p.check and not p.held), ""
+        (_why(p, observations, w) for p in phases for w in windows if w.name == p.name and p.check and not p.held), ""
     )
     if not reason and rise < rule.lift - rule.drift:
         reason = f"rose {rise * 1000:.0f} mm of {rule.lift * 1000:.0f} mm"
-        palm = float(seen.palm[_last(seen.t, checks[0].end), 2] - seen.palm[start, 2])
+        palm = float(observations.palm[_last(observations.t, checks[0].end), 2] - observations.palm[start, 2])
         if palm < rule.lift - rule.drift:
             reason += f", as the palm did ({palm * 1000:.0f} mm): it was pushed up before the lift, or held down in it"
     known = np.where(np.isfinite(torque_limit), 1.0, np.nan)
-    used = np.abs(seen.torque) / torque_limit * known
+    used = np.abs(observations.torque) / torque_limit * known
     after = used[start + 1 :] if start + 1 < len(used) else np.zeros((1, len(joints))) * known
     share, warming = (after >= FULL).mean(axis=0) * known, np.sqrt(np.square(after).mean(axis=0))
     return TrialReport(
-        not reason, reason, tuple(phases), _largest(used), rise, _deepest(seen.penetration[start:]),
+        not reason, reason, tuple(phases), _largest(used), rise, _deepest(observations.penetration[start:]),
         dict(zip(joints, map(float, share), strict=True)), dict(zip(joints, map(float, warming), strict=True)),
     )  # fmt: skip
 
 
-def relative_motion(palm: Array, thing: Array, start: int) -> tuple[Array, Array]:
+def relative_motion(palm: Array, object_pose: Array, start: int) -> tuple[Array, Array]:
     """Distance (k,) in m and angle (k,) in degrees of an object in the palm's frame, from row `start`. Both are poses
     in the world, (k, 7)."""
-    return relative_displacement(palm[start], thing[start], palm, thing)
+    return relative_displacement(palm[start], object_pose[start], palm, object_pose)
 
 
-def relative_displacement(palm: Array, thing: Array, palm_then: Array, thing_then: Array) -> tuple[Array, Array]:
+def relative_displacement(
+    palm: Array, object_pose: Array, palm_then: Array, object_pose_then: Array
+) -> tuple[Array, Array]:
     """How far, m, and by what angle, degrees, an object moves in the palm's frame between two moments, (...). Poses in
     the world, (..., 7)."""
-    (first, turn), (then, turned) = pose_in_palm(palm, thing), pose_in_palm(palm_then, thing_then)
+    (first, turn), (then, turned) = pose_in_palm(palm, object_pose), pose_in_palm(palm_then, object_pose_then)
     return np.linalg.norm(then - first, axis=-1), np.degrees(angle_between(turned, turn))
 
 
-def pose_in_palm(palm: Array, thing: Array) -> tuple[Array, Array]:
+def pose_in_palm(palm: Array, object_pose: Array) -> tuple[Array, Array]:
     """Position (..., 3), m, and rotation (..., 3, 3) of an object in the palm's frame. Poses in the world, (..., 7)."""
     turned = matrix_from_quaternion(palm[..., 3:])
-    position = np.einsum("...ji,...j->...i", turned, thing[..., :3] - palm[..., :3])
-    return position, np.einsum("...ji,...jl->...il", turned, matrix_from_quaternion(thing[..., 3:]))
+    position = np.einsum("...ji,...j->...i", turned, object_pose[..., :3] - palm[..., :3])
+    return position, np.einsum("...ji,...jl->...il", turned, matrix_from_quaternion(object_pose[..., 3:]))
 
 
 def _phase(
-    seen: Observations, window: PhaseWindow, parts: Sequence[str], position: Array, angle: Array, rule: Rule
+    observations: Observations, window: PhaseWindow, parts: Sequence[str], position: Array, angle: Array, rule: Rule
 ) -> PhaseReport:
-    rows = slice(_last(seen.t, window.begin) + 1, _last(seen.t, window.end) + 1)
+    rows = slice(_last(observations.t, window.begin) + 1, _last(observations.t, window.end) + 1)
     end = rows.stop - 1
     judged = rows if rule.throughout else slice(end, end + 1)
     distance, turn = float(position[judged].max()), float(angle[judged].max())
     margin = 1.0 - max(distance / rule.drift, turn / rule.rotation)
-    force = seen.contact_force[rows].mean(axis=0)
+    force = observations.contact_force[rows].mean(axis=0)
     return PhaseReport(
         window.name,
         float(position[end]),
         float(angle[end]),
         float(position[rows].max()),
         dict(zip(parts, map(float, force), strict=True)),
-        float(seen.contacts[rows].mean()),
-        _deepest(seen.penetration[rows]),
+        float(observations.contacts[rows].mean()),
+        _deepest(observations.penetration[rows]),
         margin,
         window.check,
-        bool(margin >= 0.0 and not seen.on_table[end] and seen.contact_force[end].any()),
+        bool(margin >= 0.0 and not observations.on_table[end] and observations.contact_force[end].any()),
     )
 
 
@@ -240,11 +246,11 @@ def _deepest(penetration: Array) -> float:
     return float(penetration.max()) if len(penetration) else 0.0
 
 
-def _why(phase: PhaseReport, seen: Observations, window: PhaseWindow) -> str:
-    end = _last(seen.t, window.end)
-    if not seen.contact_force[end].any():
+def _why(phase: PhaseReport, observations: Observations, window: PhaseWindow) -> str:
+    end = _last(observations.t, window.end)
+    if not observations.contact_force[end].any():
         return f"dropped by the end of {phase.name}"
-    if seen.on_table[end]:
+    if observations.on_table[end]:
         return f"still on the table at the end of {phase.name}"
     return f"moved {phase.drift * 1000:.1f} mm and {phase.rotation:.1f}° in the hand by the end of {phase.name}"
 

@@ -172,15 +172,15 @@ class OpenLoopPlayer:
         self._weights = [model.body(f"{finger.name}_weight").id for finger in spec.fingers]
 
     def play(
-        self, drive: DriveParameters, position: Array, velocity: Array, pieces: Segments, bend: Array | None = None
+        self, drive: DriveParameters, position: Array, velocity: Array, segments: Segments, bend: Array | None = None
     ) -> Array:
         """Reported positions at the end of every period, (w, k, n), rad, from reported positions and speeds (w, n);
         `bend`: how much more the bristles are bent than `_bent` says, (w, n), rad."""
-        found = np.empty((len(position), pieces.duty.shape[1] - BEFORE, self.spec.n_joints))
-        for weight in np.unique(pieces.weight, axis=0):
-            rows = np.flatnonzero((pieces.weight == weight).all(axis=1))
+        found = np.empty((len(position), segments.duty.shape[1] - BEFORE, self.spec.n_joints))
+        for weight in np.unique(segments.weight, axis=0):
+            rows = np.flatnonzero((segments.weight == weight).all(axis=1))
             self._set(drive, weight)
-            part = Segments(*(each[rows] for each in pieces))
+            part = Segments(*(each[rows] for each in segments))
             more = np.zeros_like(position[rows]) if bend is None else bend[rows]
             found[rows] = self._played(drive, position[rows], velocity[rows], part, more)
         return found
@@ -258,19 +258,21 @@ class OpenLoopPlayer:
         if self.loose:
             backlash.set_backlash(model, self._plays, drive.backlash, drive.gear_compliance)
 
-    def _played(self, drive: DriveParameters, position: Array, velocity: Array, pieces: Segments, more: Array) -> Array:
+    def _played(
+        self, drive: DriveParameters, position: Array, velocity: Array, segments: Segments, more: Array
+    ) -> Array:
         sims = batch.Batch(self._model, len(position), 1)
-        sims.expand("opt.gravity")[:] = pieces.gravity
+        sims.expand("opt.gravity")[:] = segments.gravity
         sims.bind("qpos")[:, self.qpos] = position - drive.offset
         sims.bind("qvel")[:, self.dofs] = velocity
         if self.loose:
-            gap = self._gap(drive, position, velocity, pieces)
+            gap = self._gap(drive, position, velocity, segments)
             sims.bind("qpos")[:, self.qpos] -= gap
             sims.bind("qpos")[:, self._model.jnt_qposadr[self._plays]] = gap
         if self.bristly:
-            bent = self._bent(drive, position, velocity, pieces)
+            bent = self._bent(drive, position, velocity, segments)
             sims.bind("act")[:, self.bristles] = bent + more
-        control = self._late(pieces.duty, drive.delay)
+        control = self._late(segments.duty, drive.delay)
         ctrl, qpos, qvel = (sims.bind(name) for name in ("ctrl", "qpos", "qvel"))
         rubbing = (
             lugre_friction.BatchedFriction(sims, self._friction)
@@ -278,14 +280,14 @@ class OpenLoopPlayer:
             else None
         )
         share = drive.load_friction * drive.torque_constant
-        found = np.empty((pieces.duty.shape[1] - BEFORE, *position.shape))
+        found = np.empty((segments.duty.shape[1] - BEFORE, *position.shape))
         if self.warming:
             damping = sims.expand("dof_damping")
             dry_friction = None if self.bristly else sims.expand("dof_frictionloss")
         warm: Array = np.ones(1)
         for k in range(len(found)):
             if self.warming:
-                warm = drive.warmth(pieces.time[:, None] + k * self._period)
+                warm = drive.warmth(segments.time[:, None] + k * self._period)
                 damping[:, self.dofs] = warm * drive.damping
                 if dry_friction is not None:
                     dry_friction[:, self.dofs] = warm * drive.frictionloss
@@ -303,10 +305,10 @@ class OpenLoopPlayer:
             found[k] = self.links(qpos)
         return np.asarray(np.swapaxes(found, 0, 1) + drive.offset)
 
-    def _gap(self, drive: DriveParameters, position: Array, velocity: Array, pieces: Segments) -> Array:
+    def _gap(self, drive: DriveParameters, position: Array, velocity: Array, segments: Segments) -> Array:
         """How far the links lie from their motors where pieces begin, (w, n), rad: at the tooth that pushes them. Of
         reported positions: an offset that a fit could choose would be one with which pieces begin well."""
-        motion = zip(position, velocity, pieces.acceleration, pieces.gravity, strict=True)
+        motion = zip(position, velocity, segments.acceleration, segments.gravity, strict=True)
         data, found = self._scratch, []
         for row in motion:
             self.link_torque(*row)
@@ -316,7 +318,7 @@ class OpenLoopPlayer:
         half = np.maximum(drive.backlash, backlash.SMALLEST) / 2.0
         return np.asarray(-half * np.sign(found) - drive.gear_compliance * found)
 
-    def _bent(self, drive: DriveParameters, position: Array, velocity: Array, pieces: Segments) -> Array:
+    def _bent(self, drive: DriveParameters, position: Array, velocity: Array, segments: Segments) -> Array:
         """How far the bristles are bent where pieces begin, (w, n), rad: as in steady motion of a joint that moves, and
         by what its motor's torque leaves for them where it creeps or sticks: there steady motion says nothing, and a
         wrong guess is a joint that breaks away at another time, or to the other side. Those that give by more than
@@ -324,22 +326,22 @@ class OpenLoopPlayer:
         at = BEFORE - drive.delay / self._period
         floor = np.clip(at.astype(int), 0, BEFORE - 1)
         joints, part = np.arange(len(at)), np.clip(at - floor, 0.0, 1.0)
-        before, after = pieces.push[:, floor, joints], pieces.push[:, floor + 1, joints]
+        before, after = segments.push[:, floor, joints], segments.push[:, floor + 1, joints]
         push = drive.torque_constant * (before + part * (after - before))
-        motion = zip(position - drive.offset, velocity, pieces.acceleration, pieces.gravity, strict=True)
+        motion = zip(position - drive.offset, velocity, segments.acceleration, segments.gravity, strict=True)
         # Armature is in it, and what the model itself holds against a motion: damping, and the bristles' springs at 0.
         held = push - np.array([self.link_torque(*row) for row in motion])
         if self.parasitic:
             held = held + parasitic_torque.torque(drive, position - drive.offset, velocity, push)
         dry = drive.frictionloss + drive.load_friction * np.abs(push)
         if self.warming:
-            dry = dry + drive.frictionloss * (drive.warmth(pieces.time[:, None]) - 1.0)
+            dry = dry + drive.frictionloss * (drive.warmth(segments.time[:, None]) - 1.0)
         sticking = drive.bristle * np.clip(held / np.maximum(dry * drive.stiction, 1e-6), -1.0, 1.0)
         steady = lugre_friction.steady_deflection(drive.stiction, drive.stribeck_speed, drive.bristle, velocity)
         moving = 1.0 - np.exp(-np.square(velocity / _SLIDES))
         bent = np.asarray(moving * steady + (1.0 - moving) * sticking)
         if (drive.bristle > SPRINGY).any():
-            past, shape = np.swapaxes(pieces.past, 0, 1), (drive.stiction, drive.stribeck_speed, drive.bristle)
+            past, shape = np.swapaxes(segments.past, 0, 1), (drive.stiction, drive.stribeck_speed, drive.bristle)
             came = lugre_friction.followed_deflection(*shape, past, self._period)[-1]
             bent = np.where(drive.bristle > SPRINGY, came, bent)
         return bent

@@ -55,7 +55,7 @@ def scenery(spec: HandSpec, meta: Mapping[str, Any]) -> Scenery:
     look = meta.get("look")
     phases = tuple((str(name), float(begin), float(end)) for name, begin, end in meta.get("phases", ()))
     if look is None:
-        objects = {thing["name"]: [_primitive(thing)] for thing in meta.get("objects", ())}
+        objects = {described["name"]: [_primitive(described)] for described in meta.get("objects", ())}
         fixed = [VisualShape("box", (0.45, 0.45, 0.02), (0.0, 0.0, -0.02), color=(*TABLE, 1.0))] if objects else []
         return Scenery(bodies_of(spec), objects, fixed, phases)
     return Scenery(
@@ -76,9 +76,9 @@ def _shapes(each: Iterable[Mapping[str, Any]]) -> list[VisualShape]:
     return [VisualShape.from_json(shape) for shape in each]
 
 
-def _primitive(thing: Mapping[str, Any]) -> VisualShape:
-    name, color = str(thing["name"]), (*object_appearance(str(thing["name"])).color, 1.0)
-    match thing["shape"], thing["size"]:
+def _primitive(described: Mapping[str, Any]) -> VisualShape:
+    name, color = str(described["name"]), (*object_appearance(str(described["name"])).color, 1.0)
+    match described["shape"], described["size"]:
         case "sphere", [d]:
             return VisualShape("sphere", (d / 2,), color=color, paint=name)
         case "cylinder", [d, h]:

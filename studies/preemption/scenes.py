@@ -83,13 +83,13 @@ class Bench:
         model.geom_friction[:, 0] = job.case.friction
         if job.control is not None and job.control.frozen:
             grasp = replace(grasp, close=grasp.preshape, squeeze=grasp.preshape)
-        placed = Perturbation(job.case.x, job.case.y, job.case.yaw).on(scene).things[0]
+        placed = Perturbation(job.case.x, job.case.y, job.case.yaw).on(scene).objects[0]
         goal = scene.position - np.array(scenario.wrist.retreat)
         down = -physics.physics().gravity[2]
         load = wrist_load(model)
         return Setup(
             job, model, grasp, np.array([*placed.position, *placed.quaternion]),
-            2.0 * float(placed.thing.half_extents().min()), goal,
+            2.0 * float(placed.grasp_object.half_extents().min()), goal,
             self._drive(job.case.approach, goal - scene.position, base.opt.timestep, load, down), load * down,
         )  # fmt: skip
 

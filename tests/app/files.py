@@ -55,7 +55,7 @@ def grasps(path: Path, count: int = 1, thing: str = "lemon", hand: str = "allegr
     joints = [[grasp.preshape, grasp.close, grasp.squeeze]] * count
     made = check_grasps(
         spec, np.repeat(palms[:, None], 3, axis=1), joints, [0.0, 0, 0, 1, 0, 0, 0], 1.0,
-        thing=thing, frame=PALM, source=str(path),
+        object_name=thing, frame=PALM, source=str(path),
     )  # fmt: skip
     write_dexgraspbench(path, made)
     return made

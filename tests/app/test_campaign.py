@@ -167,7 +167,7 @@ def test_a_palm_of_a_file_is_in_its_scene_where_the_file_has_it_for_either_hand(
     made = grasps(tmp_path / "0.npy", count=2, thing="block.obj", side=side)
     found = import_grasp(tmp_path / "0.npy", row, load_spec(side=side))
     stage = make_stage(found.scenario, load_protocol("fc"), side, found.folder)
-    (block,) = stage.things
+    (block,) = stage.objects
     palm = made.palm_from(mesh_middle(tmp_path / "block.obj"))[row, 1]
     np.testing.assert_array_equal(np.abs(block.quaternion), [1.0, 0.0, 0.0, 0.0])
     np.testing.assert_allclose(stage.position - block.position, palm[:3], atol=1e-12)

@@ -19,7 +19,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.schema import parse_settings
 from allegro_twin.learning.mpc.controller import MpcController
 from allegro_twin.learning.mpc.settings import MpcSettings, planner_settings
-from allegro_twin.learning.tasks.scenes import THING
+from allegro_twin.learning.tasks.scenes import OBJECT
 from allegro_twin.recording.reader import load
 from allegro_twin.sim.settings import SimSettings
 from allegro_twin.viewing import camera
@@ -94,7 +94,7 @@ def test_a_recording_of_an_episode_shows_its_object_and_its_goal(backend: Any, t
     made = assemble(chosen)
     assert made.episode is not None
     task, read = made.episode.engine.task, made.episode._state
-    made.episode._state = lambda: (rows.append(task.thing.pose[0].copy()), read())[1]  # type: ignore[method-assign, union-attr, func-returns-value]
+    made.episode._state = lambda: (rows.append(task.object_body.pose[0].copy()), read())[1]  # type: ignore[method-assign, union-attr, func-returns-value]
     kept = perform(made, chosen, Outputs(record=tmp_path / "kept.arrow", rrd=tmp_path / "kept.rrd"))
     bare = perform(assemble(chosen), chosen, Outputs())
     np.testing.assert_array_equal(kept.last.position, bare.last.position)
@@ -105,7 +105,7 @@ def test_a_recording_of_an_episode_shows_its_object_and_its_goal(backend: Any, t
     assert goal is not None
     np.testing.assert_allclose(recording.columns["object_goal"][:, 3:], np.tile(goal[0], (len(recording), 1)))
     seen = scenery(recording.spec, recording.meta)
-    assert list(seen.objects) == [THING]
+    assert list(seen.objects) == [OBJECT]
     assert seen.palm == pytest.approx(recording.columns["palm"][0], abs=1e-6)
     assert (tmp_path / "kept.rrd").read_bytes().count(b"world/goals/object") > 0
 
@@ -232,7 +232,7 @@ def test_pictures_of_a_run_in_an_episode_show_its_object_as_it_is_then_and_its_g
 
         def take(self) -> camera.Picture:
             (goal,) = self.marks()
-            seen.append((self.scene.data.body(THING).xpos.copy(), goal.pose.copy()))
+            seen.append((self.scene.data.body(OBJECT).xpos.copy(), goal.pose.copy()))
             return np.zeros((8, 8, 3), dtype=np.uint8)
 
         def close(self) -> None: ...
@@ -248,6 +248,6 @@ def test_pictures_of_a_run_in_an_episode_show_its_object_as_it_is_then_and_its_g
     assert {path.name for path in tmp_path.iterdir()} == {"a.mp4", "a.png"}
     task: Any = made.episode.engine.task
     places = np.array([place for place, _ in seen])
-    np.testing.assert_allclose(places[-1], task.thing.pose[0, :3], atol=1e-9)
+    np.testing.assert_allclose(places[-1], task.object_body.pose[0, :3], atol=1e-9)
     assert np.linalg.norm(places[-1] - places[0]) > 1e-3
     np.testing.assert_array_equal(seen[-1][1], task.marks(0)[0].pose)

@@ -104,10 +104,10 @@ def test_the_trial_s_object_reaches_as_far_as_what_was_seen(kind: str, extents: 
     settings = detected_scenario(body, load_spec(), 500.0).objects[0]
     placed = place_object(settings)
     rotation = matrix_from_quaternion(np.array(placed.quaternion))
-    reach = np.abs(rotation) @ placed.thing.half_extents()
+    reach = np.abs(rotation) @ placed.grasp_object.half_extents()
     np.testing.assert_allclose(2.0 * reach, extents, atol=1e-9)
     part = {"box": 1.0, "cylinder": np.pi / 4.0}.get(kind.removeprefix("lying "), np.pi / 6.0)
-    assert placed.thing.mass == pytest.approx(500.0 * part * np.prod(extents))
+    assert placed.grasp_object.mass == pytest.approx(500.0 * part * np.prod(extents))
 
 
 @pytest.mark.parametrize(

@@ -109,13 +109,13 @@ def test_what_has_no_way_to_the_tray_is_put_back_where_it_stood_and_the_run_goes
 
     monkeypatch.setattr("allegro_twin.cell.actions.cell_actions.release_path", no_way)
     cell = cell_of(tray=TRAY.model_dump(), objects=[{"name": "foam_brick", "at": [0.0, 0.0]}])
-    before = cell.robot.thing("foam_brick").position
+    before = cell.robot.object_pose("foam_brick").position
     report = perform(cell)
     states = [state for _, state in report.events]
     assert states[states.index("ToReleasePose") :][:4] == ["ToReleasePose", "PutBack", "OpeningHand", "ToSecurityPose"]
     assert (str(report.end), report.released, report.in_tray) == ("missed: left", 0, ())
     assert "fer does not get to the tray" in report.end.sentence
-    assert np.linalg.norm((cell.robot.thing("foam_brick").position - before)[:2]) < 0.01
+    assert np.linalg.norm((cell.robot.object_pose("foam_brick").position - before)[:2]) < 0.01
 
 
 @pytest.mark.slow
@@ -399,4 +399,4 @@ def test_a_bottle_s_scan_with_holes_is_taken_for_about_a_solid_and_held(tmp_path
         ],
     )  # fmt: skip
     report = perform(cell)
-    assert (str(report.end), report.thing, report.is_lifted) == ("held", "bottle", True)
+    assert (str(report.end), report.object_name, report.is_lifted) == ("held", "bottle", True)

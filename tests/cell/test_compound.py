@@ -156,7 +156,7 @@ def test_things_that_touch_are_seen_apart_and_as_one_body_besides() -> None:
     assert len(seen) == 2
     assert all(isinstance(one, Detection) and len(one.instead) == 1 for one in seen)
     readings = selector._readings(seen)
-    shapes = [(one.thing.solid.shape, len(one.beside)) for one in readings]  # type: ignore[union-attr]
+    shapes = [(one.detection.solid.shape, len(one.beside)) for one in readings]  # type: ignore[union-attr]
     assert shapes == [("box", 1), ("box", 1), ("compound", 0)]
     cell.close()
 
@@ -166,7 +166,7 @@ def test_a_compound_is_read_as_several_things_after_it_is_read_as_one(tmp_path: 
     selector, (_, _, seen) = ObjectSelector(cell), looked(cell)
     cell.close()
     readings = [each for each in selector._readings(seen) if not isinstance(each, PerceptionRefusal)]
-    assert [each.thing.solid.shape for each in readings] == ["compound", "box", "box"]
+    assert [each.detection.solid.shape for each in readings] == ["compound", "box", "box"]
     assert [len(each.beside) for each in readings] == [0, 1, 1]
 
 

@@ -123,7 +123,7 @@ def test_a_tray_is_as_high_as_what_is_in_it_and_no_points_have_no_height() -> No
 @pytest.mark.slow
 def test_the_object_that_is_chosen_is_judged_whichever_the_config_names_first_and_the_other_stays() -> None:
     report = perform(cell_of(objects=[{"name": "golf_ball", "at": [0.12, 0.12]}, {"name": "tomato_soup_can"}]))
-    assert (str(report.end), report.thing, report.grasp) == ("held", "tomato_soup_can", "tomato_soup_can")
+    assert (str(report.end), report.object_name, report.grasp) == ("held", "tomato_soup_can", "tomato_soup_can")
     assert report.is_lifted
     assert report.error < 0.003
     assert report.moved == ()

@@ -33,7 +33,7 @@ def line() -> Iterator[tuple[int, int]]:
 
 
 def armed(line: tuple[int, int]) -> Keeper:
-    keeper = Keeper({"kind": "bytes", "fd": line[1], "words": WORDS.hex()})
+    keeper = Keeper({"kind": "bytes", "fd": line[1], "shutdown_frames": WORDS.hex()})
     keeper.arm()
     return keeper
 

@@ -28,7 +28,7 @@ SIDES = ["right", pytest.param("left", marks=pytest.mark.long)]
 
 def attempt(grasp: str, side: Side, thing: str | None = None, **changes: object) -> tuple[TrialReport, Trial]:
     """The trial of a force grasp with an object of the catalogue, or with a changed one."""
-    rig = assemble(scenario_config(grasp, side, thing=thing))
+    rig = assemble(scenario_config(grasp, side, object_name=thing))
     assert rig.trial is not None
     trial, hand = rig.trial, rig.backend
     if changes:
@@ -46,7 +46,7 @@ def attempt(grasp: str, side: Side, thing: str | None = None, **changes: object)
 def tried(grasp: str, side: Side, thing: str) -> tuple[bool, float]:
     """Whether a centroid grasp held an object, and, from half a second after it was lifted until it is turned over,
     the thumb's force in the direction in which it was asked to press, over what it was asked for."""
-    rig = assemble(scenario_config(grasp, side, thing=thing))
+    rig = assemble(scenario_config(grasp, side, object_name=thing))
     assert rig.trial is not None
     hold = next(window for window in rig.trial.windows if window.name == "hold")
     felt = []

@@ -35,7 +35,7 @@ def observations(**changes: Any) -> Observations:
     pose = np.zeros((len(T), 7))
     pose[:, 2], pose[:, 3:] = lifted, IDENTITY
     values: dict[str, Any] = {
-        "t": T, "palm": pose.copy(), "thing": pose.copy(), "contact_force": np.ones((len(T), 2)),
+        "t": T, "palm": pose.copy(), "object_pose": pose.copy(), "contact_force": np.ones((len(T), 2)),
         "on_table": (T < 1.0).astype(float), "contacts": np.full(len(T), 4.0),
         "penetration": np.where(T < 1.5, 0.0003, 0.0002), "torque": np.full((len(T), 16), 0.1),
     }  # fmt: skip
@@ -55,7 +55,7 @@ def verdict(seen: Observations, *, throughout: bool = False, limit: Vector = LIM
 
 def moved(distance: float, at: float) -> Observations:
     seen = observations()
-    seen.thing[seen.t >= at, 1] += distance
+    seen.object_pose[seen.t >= at, 1] += distance
     return seen
 
 
@@ -104,7 +104,7 @@ def test_of_a_hand_without_thermal_data_only_the_share_is_said() -> None:
 
 def test_of_an_object_that_left_the_table_no_millimetres_are_said() -> None:
     seen = observations()
-    seen.thing[T > 1.0, 2] = -7.9
+    seen.object_pose[T > 1.0, 2] = -7.9
     report = verdict(seen)
     assert report.fell
     table = phases("cube", report, None)
@@ -156,7 +156,7 @@ def test_the_time_to_a_temperature_is_that_of_the_motor_that_is_simulated(share:
 
 def test_a_slip_that_comes_back_counts_where_limits_hold_throughout() -> None:
     seen = observations()
-    seen.thing[(T > 1.4) & (T < 1.6), 1] += 0.02
+    seen.object_pose[(T > 1.4) & (T < 1.6), 1] += 0.02
     assert verdict(seen).held
     assert not verdict(seen, throughout=True).held
 
@@ -178,7 +178,7 @@ def test_what_happens_before_the_reference_does_not_count() -> None:
 def test_fifteen_degrees_is_the_limit(degrees: float, held: bool) -> None:
     seen = observations()
     half = np.radians(degrees) / 2
-    seen.thing[seen.t >= 1.5, 3:] = [np.cos(half), 0.0, np.sin(half), 0.0]
+    seen.object_pose[seen.t >= 1.5, 3:] = [np.cos(half), 0.0, np.sin(half), 0.0]
     assert verdict(seen).held is held
 
 
@@ -187,10 +187,10 @@ def test_motion_of_the_whole_hand_is_no_motion_of_the_object_in_it() -> None:
     half = np.pi / 4
     turn = np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
     seen.palm[1500:, 3:] = turn
-    seen.thing[:, :2] = [0.1, 0.0]
-    seen.thing[1500:, :2] = [0.0, 0.1]
-    seen.thing[1500:, 3:] = turn
-    distance, angle = relative_motion(seen.palm, seen.thing, 1000)
+    seen.object_pose[:, :2] = [0.1, 0.0]
+    seen.object_pose[1500:, :2] = [0.0, 0.1]
+    seen.object_pose[1500:, 3:] = turn
+    distance, angle = relative_motion(seen.palm, seen.object_pose, 1000)
     assert distance.max() < 1e-12
     assert angle.max() < 1e-4
 
@@ -206,7 +206,7 @@ def test_an_object_that_still_touches_the_table_is_not_held() -> None:
 
 def test_an_object_that_did_not_rise_is_not_held() -> None:
     seen = observations()
-    seen.palm[:, 2] = seen.thing[:, 2] = 0.0
+    seen.palm[:, 2] = seen.object_pose[:, 2] = 0.0
     why = "rose 0 mm of 150 mm, as the palm did (0 mm): it was pushed up before the lift, or held down in it"
     assert verdict(seen).reason == why
 
@@ -215,5 +215,5 @@ def test_an_object_that_did_not_rise_is_not_held() -> None:
 def test_it_must_rise_as_the_wrist_does_but_for_the_drift_that_is_allowed(share: float, held: bool) -> None:
     seen = observations()
     seen.palm[:, 2] *= share
-    seen.thing[:, 2] *= share
+    seen.object_pose[:, 2] *= share
     assert verdict(seen).held is held

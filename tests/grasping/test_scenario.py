@@ -92,7 +92,7 @@ def test_an_object_of_the_catalogue_has_the_mass_that_the_scenario_gives_it(tmp_
     path.write_text(GOOD.replace("name: rubiks_cube", "name: rubiks_cube, mass: 0.3"))
     scenario, _ = load_scenario(path)
     stage = make_stage(scenario, load_protocol("table_pick"), "right", tmp_path)
-    assert stage.things[0].thing.mass == 0.3
+    assert stage.objects[0].grasp_object.mass == 0.3
 
 
 def test_fingers_that_are_not_square_to_the_palms_direction_are_told_with_their_angle() -> None:
@@ -218,7 +218,7 @@ def test_another_object_stands_where_the_scenarios_own_does(tmp_path: Path) -> N
     spec = load_spec()
     for made in (
         load_case({"scenario": str(path), "object": "apple"}, spec).scenario,
-        make_trial(str(path), spec, thing="apple").scenario,
+        make_trial(str(path), spec, object_name="apple").scenario,
     ):
         assert made.objects == (asked,)
 
@@ -227,7 +227,7 @@ def test_another_object_has_a_name_of_its_own(tmp_path: Path) -> None:
     path = tmp_path / "it.yaml"
     path.write_text(GOOD.replace("{name: rubiks_cube}", "{name: rubiks_cube}, {name: apple, at: [0.2, 0]}"))
     with pytest.raises(ConfigError, match="two objects are named apple"):
-        make_trial(str(path), load_spec(), thing="apple")
+        make_trial(str(path), load_spec(), object_name="apple")
 
 
 def test_a_protocols_mass_is_refused_for_an_object_that_brings_its_own(tmp_path: Path) -> None:

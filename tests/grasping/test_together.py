@@ -191,7 +191,7 @@ def test_a_larger_object_stands_higher_and_the_hand_stays_where_it_was(bench: Tr
         load_case({"scenario": "mug", "draw": d}, bench.spec) for d in (None, asdict(Perturbation(size=1.05)))
     )
     first, second = bench.trial(nominal), bench.trial(large)
-    assert second.things[0].position[2] - first.things[0].position[2] == pytest.approx(0.05 * 0.041)
+    assert second.objects[0].position[2] - first.objects[0].position[2] == pytest.approx(0.05 * 0.041)
     assert (first.backend.model.body("palm_link").pos == second.backend.model.body("palm_link").pos).all()
     assert second.mass == first.mass
 
@@ -222,7 +222,7 @@ def test_trials_of_one_scene_are_compiled_once_and_share_nothing_that_is_changed
     first = compiled[0]
     for other in (
         replace(first, position=first.position + 0.01), replace(first, quaternion=-first.quaternion),
-        replace(first, things=first.things[:0]), replace(first, physics=Physics(timestep=0.002)),
+        replace(first, objects=first.objects[:0]), replace(first, physics=Physics(timestep=0.002)),
         replace(first, table=False), replace(first, edge=0.2),
     ):  # fmt: skip
         scenes.model(other)

@@ -26,7 +26,7 @@ class BagWriter:
     """Writes messages of any type."""
 
     def __init__(self, writer: Any) -> None:
-        self.words: RosTypes = ros_types()
+        self.types: RosTypes = ros_types()
         self._writer, self._open = writer, dict[str, Any]()
 
     def write(self, topic: str, at: int, message: Any) -> None:
@@ -34,38 +34,38 @@ class BagWriter:
         kind = message.__msgtype__
         if topic not in self._open:
             self._open[topic] = self._writer.add_connection(
-                topic, kind, msgdef=self.words.definition(kind), rihs01=self.words.hash(kind)
+                topic, kind, msgdef=self.types.definition(kind), rihs01=self.types.hash(kind)
             )
-        self._writer.write(self._open[topic], at, self.words.encode(message))
+        self._writer.write(self._open[topic], at, self.types.encode(message))
 
     def image(self, at: int, depth: Array, encoding: str = "16UC1", *, topic: str = DEPTH, pad: int = 0) -> None:
         """Depth as numbers of the encoding, with `pad` bytes after each row."""
         kind = {"16UC1": "<u2", "32FC1": "<f4"}.get(encoding, "u1")
         rows = np.ascontiguousarray(depth.astype(kind)).view(np.uint8).reshape(len(depth), -1)
         data = np.pad(rows, [(0, 0), (0, pad)])
-        self.write(topic, at, self.words.make(
-            "sensor_msgs/msg/Image", header=self.words.header(at, FRAME), height=depth.shape[0], width=depth.shape[1],
+        self.write(topic, at, self.types.make(
+            "sensor_msgs/msg/Image", header=self.types.header(at, FRAME), height=depth.shape[0], width=depth.shape[1],
             encoding=encoding, is_bigendian=0, step=data.shape[1], data=data.ravel()))  # fmt: skip
 
     def info(
         self, at: int, lens: tuple[float, ...] = LENS, d: tuple[float, ...] = (0.0,) * 5, topic: str = INFO
     ) -> None:
         w, h, fx, fy, cx, cy = lens
-        region = self.words.make("sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0,
+        region = self.types.make("sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0,
                                  do_rectify=False)  # fmt: skip
-        self.write(topic, at, self.words.make(
-            "sensor_msgs/msg/CameraInfo", header=self.words.header(at, FRAME), height=int(h), width=int(w),
+        self.write(topic, at, self.types.make(
+            "sensor_msgs/msg/CameraInfo", header=self.types.header(at, FRAME), height=int(h), width=int(w),
             distortion_model="plumb_bob", d=np.array(d), k=np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1.0]),
             r=np.eye(3).ravel(), p=np.array([fx, 0, cx, 0, 0, fy, cy, 0, 0, 0, 1.0, 0]), binning_x=0, binning_y=0,
             roi=region))  # fmt: skip
 
     def cloud(self, at: int, points: NDArray[np.floating], topic: str = POINTS) -> None:
-        self.write(topic, at, build.cloud(self.words, at, FRAME, points.astype(np.float32)))
+        self.write(topic, at, build.cloud(self.types, at, FRAME, points.astype(np.float32)))
 
     def transform(self, at: int, parent: str, child: str, values: Array, topic: str = "/tf_static") -> None:
         """`values`: position, m, and quaternion w x y z."""
-        made = build.transform(self.words, at, parent, child, values)
-        self.write(topic, at, self.words.make(v.TF, transforms=[made]))
+        made = build.transform(self.types, at, parent, child, values)
+        self.write(topic, at, self.types.make(v.TF, transforms=[made]))
 
 
 @contextmanager

@@ -199,8 +199,8 @@ def test_what_cannot_be_read_as_depth_is_one_line(tmp_path: Path, what: str, sai
         if what == "two":
             made.image(T0, plane(), topic="/other/depth")
         if what == "short":
-            message = made.words.make(
-                "sensor_msgs/msg/Image", header=made.words.header(T0, FRAME), height=48, width=64, encoding="16UC1",
+            message = made.types.make(
+                "sensor_msgs/msg/Image", header=made.types.header(T0, FRAME), height=48, width=64, encoding="16UC1",
                 is_bigendian=0, step=128, data=np.zeros(6000, np.uint8))  # fmt: skip
             made.write(DEPTH, T0, message)
         elif what in ("unrowed", "bent", "empty cloud"):

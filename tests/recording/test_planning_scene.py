@@ -24,9 +24,9 @@ CLUTTER = np.array([[0.2, -0.1, 0.03, 0.05, 0.06, 0.06]])
 
 def sent(distro: str, objects: list[SceneObject], gone: list[str]) -> Any:
     """The message as who receives it has it."""
-    words = ros_types_by_name(distro)
-    data = words.encode(planning_scene(words, 7, "world", objects, gone))
-    return words.decode(data, PLANNING_SCENE)
+    types = ros_types_by_name(distro)
+    data = types.encode(planning_scene(types, 7, "world", objects, gone))
+    return types.decode(data, PLANNING_SCENE)
 
 
 @pytest.mark.parametrize("distro", ["humble", "jazzy"])
@@ -80,9 +80,9 @@ def test_a_turned_box_keeps_its_turn() -> None:
 
 
 def test_the_types_are_those_of_moveit_and_can_be_taught_twice() -> None:
-    words = ros_types_by_name("humble")
-    register_moveit(words)
-    register_moveit(words)
-    text = words.definition(PLANNING_SCENE)
+    types = ros_types_by_name("humble")
+    register_moveit(types)
+    register_moveit(types)
+    text = types.definition(PLANNING_SCENE)
     assert "moveit_msgs/CollisionObject[] collision_objects" in text
-    assert [name for name, _ in words.fields("moveit_msgs/msg/CollisionObject")][-1] == "operation"
+    assert [name for name, _ in types.fields("moveit_msgs/msg/CollisionObject")][-1] == "operation"

@@ -190,18 +190,18 @@ def test_how_far_a_piece_stands_out_is_measured_to_a_micrometre() -> None:
 def test_a_larger_one_is_cut_as_the_mesh_itself_and_not_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each draw of a size would cost half a minute otherwise."""
     thing = GraspObject("ring", "mesh", (), 0.1, written(tmp_path / "ring.obj", *ring()))
-    pieces = thing.pieces()
+    pieces = thing.convex_parts()
     monkeypatch.setattr("coacd.run_coacd", None)
     case = Perturbation(size=1.05, mass=1.2)
     around = Stage(
         np.zeros(3), np.array([1.0, 0, 0, 0]), (PlacedObject(thing, (0, 0, HALF), (1, 0, 0, 0)),), table=True
     )
-    (larger,) = case.on(around).things
-    for piece, one in zip(larger.thing.pieces(), pieces, strict=True):
+    (larger,) = case.on(around).objects
+    for piece, one in zip(larger.grasp_object.convex_parts(), pieces, strict=True):
         np.testing.assert_allclose(piece.vertices, 1.05 * one.vertices, rtol=1e-12)
-    np.testing.assert_allclose(larger.thing.half_extents(), 1.05 * thing.half_extents())
+    np.testing.assert_allclose(larger.grasp_object.half_extents(), 1.05 * thing.half_extents())
     assert larger.position[2] == pytest.approx(1.05 * HALF)
-    model = compile_scene(load_spec(), replace(around, things=(larger,)))
+    model = compile_scene(load_spec(), replace(around, objects=(larger,)))
     assert model.geom("ring/standing").dataid[0] == model.geom("ring").dataid[0]
     first = int(model.mesh("ring").vertadr[0])
     extents = np.ptp(model.mesh_vert[first : first + int(model.mesh("ring").vertnum[0])], axis=0)
@@ -272,13 +272,13 @@ def test_without_the_extra_a_mesh_that_is_no_solid_says_why_and_what_repairs_it(
 def test_a_mesh_stands_on_the_table_and_weighs_by_its_volume_where_nobody_says(tmp_path: Path) -> None:
     file = written(tmp_path / "ring.obj", *ring())
     own = {"name": "ring", "shape": "mesh", "file": str(file)}
-    (placed,) = make_stage(scenario(objects=[own]), load_protocol("table_pick"), "right", tmp_path).things
+    (placed,) = make_stage(scenario(objects=[own]), load_protocol("table_pick"), "right", tmp_path).objects
     assert placed.position[2] == pytest.approx(HALF, abs=2e-4)
     volume = 2 * HALF * 4 * (OUTER**2 - INNER**2)
-    assert placed.thing.mass == pytest.approx(500.0 * volume, rel=1e-6)
+    assert placed.grasp_object.mass == pytest.approx(500.0 * volume, rel=1e-6)
     hole = {**own, "collision": "hull"}
-    (placed,) = make_stage(scenario(objects=[hole]), load_protocol("table_pick"), "right", tmp_path).things
-    assert placed.thing.mesh().volume == pytest.approx(2 * HALF * 4 * OUTER**2, rel=1e-6)
+    (placed,) = make_stage(scenario(objects=[hole]), load_protocol("table_pick"), "right", tmp_path).objects
+    assert placed.grasp_object.mesh().volume == pytest.approx(2 * HALF * 4 * OUTER**2, rel=1e-6)
 
 
 @pytest.mark.slow
@@ -287,8 +287,8 @@ def test_a_mesh_takes_the_place_of_a_scenarios_object_by_its_path(tmp_path: Path
     (job,) = configs_of(["grasp_3"], Options(object=str(file)))
     rig = assemble(job.config)
     assert rig.trial is not None
-    (placed,) = rig.trial.things
-    assert (placed.thing.name, placed.thing.shape) == ("ring", "mesh")
+    (placed,) = rig.trial.objects
+    assert (placed.grasp_object.name, placed.grasp_object.shape) == ("ring", "mesh")
     assert job.name == "ring"
     (job,) = configs_of(["grasp_3"], Options(object=str(tmp_path / "no.obj")))
     with pytest.raises(ConfigError, match=r"object no: no file at .*no\.obj"):

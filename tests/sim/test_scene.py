@@ -78,7 +78,7 @@ def test_every_object_weighs_what_it_should_and_rests_where_it_stands(name: str)
 
 @pytest.mark.parametrize(("up", "height"), [("x", 0.035), ("y", 0.110), ("z", 0.089)])
 def test_up_says_for_either_hand_which_axis_of_the_object_points_at_the_sky(up: str, height: float, side: Side) -> None:
-    placed = make_stage(scenario(objects=[{"name": "pudding_box", "up": up}]), PROTOCOL, side, Path()).things[0]
+    placed = make_stage(scenario(objects=[{"name": "pudding_box", "up": up}]), PROTOCOL, side, Path()).objects[0]
     assert placed.position[2] == pytest.approx(height / 2, abs=2e-4)
     turned = np.empty(3)
     mujoco.mju_rotVecQuat(turned, np.eye(3)["xyz".index(up)], np.array(placed.quaternion))
@@ -90,7 +90,7 @@ def test_the_left_hand_finds_an_object_turned_the_other_way_about_the_vertical_a
     up: str,
 ) -> None:
     own = {"name": "pudding_box", "up": up, "yaw": 30.0, "at": (0.1, 0.05)}
-    (placed,) = make_stage(scenario(objects=[own]), PROTOCOL, "left", Path()).things
+    (placed,) = make_stage(scenario(objects=[own]), PROTOCOL, "left", Path()).objects
     np.testing.assert_allclose(placed.quaternion, standing_orientation(up, -math.pi / 6), atol=1e-15)
     np.testing.assert_allclose(placed.position[:2], [0.1, -0.05])
 

@@ -72,7 +72,7 @@ def test_what_is_planned_for_is_the_object_of_the_trial(name: str) -> None:
     one = STUDY.objects[name]  # type: ignore[attr-defined]
     body = table_object(solid_of(one))
     placed = place_object(ScenarioObject(**placed_content(name, one)))
-    turned = np.abs(matrix_from_quaternion(np.array(placed.quaternion))) @ placed.thing.half_extents()
+    turned = np.abs(matrix_from_quaternion(np.array(placed.quaternion))) @ placed.grasp_object.half_extents()
     np.testing.assert_allclose(one.extents, 2.0 * turned)
     np.testing.assert_allclose(body.extents, (*sorted(2.0 * turned[:2], reverse=True), 2.0 * turned[2]))
     assert placed.position[2] == pytest.approx(body.position[2] + 1e-4)

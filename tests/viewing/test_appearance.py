@@ -31,7 +31,7 @@ from tests.sim.test_foreign import menagerie_like
 
 def scene_of(*things: GraspObject) -> mujoco.MjModel:
     placed = [PlacedObject(thing, (0.3 * k, 0.5, 0.1), (1.0, 0.0, 0.0, 0.0)) for k, thing in enumerate(things)]
-    return compile_scene(load_spec(), Stage(np.zeros(3), np.array([1.0, 0, 0, 0]), things=placed, table=True))
+    return compile_scene(load_spec(), Stage(np.zeros(3), np.array([1.0, 0, 0, 0]), objects=placed, table=True))
 
 
 def tetrahedron(path: Path) -> Path:

@@ -2,7 +2,7 @@
 
 ```python
 can = PlacedObject(load_object("tomato_soup_can"), (0.0, 0.0, 0.0505), (1, 0, 0, 0))
-cell = make_arm_with_hand("fer", hand_spec, things=[can])
+cell = make_arm_with_hand("fer", hand_spec, objects=[can])
 target = CartesianTarget(cell.model.pose(cell.spec.ready))
 arm = run(cell.arm, Impedance(cell.model, target, Stiffness(400.0, 30.0), compensation=cell.compensation))
 hand = run(cell.hand, PositionControl(Hold(hand_spec.rest)))
@@ -97,7 +97,7 @@ class ArmWithHand:
         found = self.compensation.base_wrench(state.wrench, flange, state.gravity, np.zeros(3))
         return np.concatenate([self.base.rotation @ found[:3], self.base.rotation @ found[3:]])
 
-    def thing(self, name: str) -> Pose:
+    def object_pose(self, name: str) -> Pose:
         """Where a thing of the scene really is, in the world."""
         body = self.world.data.body(name)
         return Pose(body.xpos.copy(), body.xmat.reshape(3, 3).copy())
@@ -116,7 +116,7 @@ def make_arm_with_hand(
     hand: HandSpec,
     *,
     mount: str | Path = "",
-    things: Sequence[PlacedObject] = (),
+    objects: Sequence[PlacedObject] = (),
     posture: Vector | None = None,
     hand_posture: Vector | None = None,
     base: tuple[float, float, float] = BASE,
@@ -136,7 +136,7 @@ def make_arm_with_hand(
     """
     held = load_mount(hand, mount)
     spec = load_arm_spec(arm, held.load)
-    stage = Stage(np.array(base), np.array([1.0, 0.0, 0.0, 0.0]), things=things, friction=friction, table=table,
+    stage = Stage(np.array(base), np.array([1.0, 0.0, 0.0, 0.0]), objects=objects, friction=friction, table=table,
                   tray=tray, plates=plates)  # fmt: skip
     if physics is not None:
         stage = replace(stage, physics=physics)

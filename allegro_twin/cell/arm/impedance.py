@@ -94,14 +94,14 @@ class Impedance:
     def start(self, state: HandState) -> ImpedanceState:
         if self.compensation is not None and not state.wrench.size:
             raise ConfigError(f"{self.model.spec.name} reports no wrench: leave out the compensation")
-        stuck(self.model, state.position, self.stiffness, self.slack, felt=self.compensation is not None)
+        stuck(self.model, state.position, self.stiffness, self.slack, force_sensor=self.compensation is not None)
         return ImpedanceState(self.model.pose(state.position), state.position, state.t)
 
     def __call__(self, state: HandState, memory: ImpedanceState) -> tuple[TorqueCommand, ImpedanceState]:
         setpoint = approach(memory.setpoint, self.target.pose, state.t - memory.t, self.smoothing)
-        felt = None if self.compensation is None else smoothed_wrench(self.compensation, self.model, state, memory)
-        torque = hung(self.model, state, setpoint, memory.rest, self.spring, self.null, felt)
-        return TorqueCommand(torque), ImpedanceState(setpoint, memory.rest, state.t, felt)
+        wrench = None if self.compensation is None else smoothed_wrench(self.compensation, self.model, state, memory)
+        torque = hung(self.model, state, setpoint, memory.rest, self.spring, self.null, wrench)
+        return TorqueCommand(torque), ImpedanceState(setpoint, memory.rest, state.t, wrench)
 
 
 def smoothed_wrench(
@@ -118,9 +118,9 @@ def smoothed_wrench(
 
 def hung(
     model: ArmModel, state: HandState, setpoint: Pose, rest: Vector, stiffness: Vector, null: float,
-    felt: Vector | None = None, motion: SetpointMotion | None = None,
+    wrench: Vector | None = None, motion: SetpointMotion | None = None,
 ) -> Vector:  # fmt: skip
-    """The law above, (n,), N·m. `stiffness` has shape (6,); `felt` is w̄, (6,), or None: friction is left as it is;
+    """The law above, (n,), N·m. `stiffness` has shape (6,); `wrench` is w̄, (6,), or None: friction is left as it is;
     `motion` None: it stands still, or nobody knows."""
     q, v = state.position, state.velocity
     place, axes, jacobian = model.motion(q)
@@ -133,9 +133,9 @@ def hung(
     free = null * (rest - q) - 2.0 * np.sqrt(null) * v
     taken = np.linalg.solve(jacobian @ jacobian.T + _SINGULAR * np.eye(6), jacobian @ free)
     torque: Vector = jacobian.T @ (force - taken) + free + model.coriolis(q, v)
-    if felt is None:
+    if wrench is None:
         return torque
-    return torque + freed(model, jacobian.T @ (force + felt))
+    return torque + freed(model, jacobian.T @ (force + wrench))
 
 
 def _shown_mass(given: Array) -> Vector:
@@ -152,11 +152,11 @@ def freed(model: ArmModel, off: Vector) -> Vector:
 
 
 def stuck(
-    model: ArmModel, position: Vector, stiffness: Stiffness, slack: tuple[float, float], *, felt: bool = False
+    model: ArmModel, position: Vector, stiffness: Stiffness, slack: tuple[float, float], *, force_sensor: bool = False
 ) -> None:
-    """Raise ConfigError when dry friction could hold the tool farther from its target than `slack`, m and rad; what is
-    left of it, where the flange is `felt`."""
-    band = _dead_band(model, position, felt)
+    """Raise ConfigError when dry friction could hold the tool farther from its target than `slack`, m and rad.
+    `force_sensor`: the flange has one, which leaves little of the friction."""
+    band = _dead_band(model, position, force_sensor)
     for first, value, unit, most, name in (
         (0, stiffness.linear, "N/m", slack[0], "linear"),
         (3, stiffness.angular, "N·m/rad", slack[1], "angular"),
@@ -171,10 +171,10 @@ def stuck(
             )
 
 
-def _dead_band(model: ArmModel, position: Vector, felt: bool) -> Array:
+def _dead_band(model: ArmModel, position: Vector, force_sensor: bool) -> Array:
     """The largest force and torque along each axis that the joints' dry friction can hold, |J⁺ᵀ| τ, (6,), N and N·m."""
     _, _, jacobian = model.motion(position)
     friction = model.spec.actuation.frictionloss
-    if felt:
+    if force_sensor:
         friction = friction / (1.0 + friction / _FINE)  # r + τ_f r / ε = τ_f.
     return np.asarray(np.abs(np.linalg.pinv(jacobian.T)) @ friction)

@@ -35,15 +35,16 @@ class WrenchCompensation:
     def base_wrench(self, wrench: Vector, axes: Array, gravity: Vector, at: Vector) -> Vector:
         """External wrench on the tool in the axes of the base, about a point `at` of the flange's frame, (3,), m: (6,),
         N and N·m."""
-        felt = self.flange_wrench(wrench, axes, gravity)
-        force = felt[:3]
-        return np.concatenate([axes @ force, axes @ (felt[3:] - cross(at, force))])
+        measured = self.flange_wrench(wrench, axes, gravity)
+        force = measured[:3]
+        return np.concatenate([axes @ force, axes @ (measured[3:] - cross(at, force))])
 
-    def with_tare(self, felt: Sequence[Vector]) -> WrenchCompensation:
-        """The compensation by which the mean of what was `felt` is nothing. Raises ConfigError without samples."""
-        if not len(felt):
+    def with_tare(self, wrenches: Sequence[Vector]) -> WrenchCompensation:
+        """The compensation under which the mean of the flange's `wrenches`, (6,) each, N and N·m, is zero. Raises
+        ConfigError without samples."""
+        if not len(wrenches):
             raise ConfigError("a tare needs at least one sample: let the arm rest and take some")
-        return replace(self, bias=frozen(self.bias + np.mean(felt, axis=0)))
+        return replace(self, bias=frozen(self.bias + np.mean(wrenches, axis=0)))
 
 
 class IdentifiedTool(NamedTuple):

@@ -93,35 +93,33 @@ def stopping_torque(torque: Vector, gravity: Vector, friction: Vector) -> float:
     return float(np.maximum(np.abs(torque - gravity) - 2.0 * friction, 0.0).sum())
 
 
-def pressing_torque(
-    position: Vector, torque: Vector, nothing: EmptyGrasp, stiffness: Vector, friction: Vector
-) -> Vector:
+def pressing_torque(position: Vector, torque: Vector, empty: EmptyGrasp, stiffness: Vector, friction: Vector) -> Vector:
     """What keeps each joint from where it would be around nothing, beyond twice its dry friction, (n,), N·m.
 
     The least of k |q_nothing - q| and of the `torque` that pushes it there, (n,), N·m, gravity taken away: without
     torque nothing is pressed, and never more than the motor gives. A torque that is not reported (NaN) bounds nothing.
     `stiffness`, N·m/rad, is that of the fingers' controller.
     """
-    way = nothing.position - position
-    given = np.where(np.isnan(torque), np.inf, torque * np.sign(way))
-    return np.asarray(np.maximum(np.minimum(stiffness * np.abs(way), given) - 2.0 * friction, 0.0))
+    distance = empty.position - position
+    given = np.where(np.isnan(torque), np.inf, torque * np.sign(distance))
+    return np.asarray(np.maximum(np.minimum(stiffness * np.abs(distance), given) - 2.0 * friction, 0.0))
 
 
-def torque_between_fingers(press: Vector, nothing: EmptyGrasp, meeting: NDArray[np.bool_]) -> float:
+def torque_between_fingers(press: Vector, empty: EmptyGrasp, meeting: NDArray[np.bool_]) -> float:
     """What the telling fingers press with, summed over the joints, N·m. Fingers that are `meeting` each other, (n,), do
     not tell; where no other is left, all that would."""
-    alone = nothing.telling & ~meeting
-    return float(press[alone if alone.any() else nothing.telling].sum())
+    alone = empty.telling & ~meeting
+    return float(press[alone if alone.any() else empty.telling].sum())
 
 
 def presses_surely(
-    press: Array, nothing: EmptyGrasp, meeting: NDArray[np.bool_], fingers: Sequence[Sequence[int]], least: float
+    press: Array, empty: EmptyGrasp, meeting: NDArray[np.bool_], fingers: Sequence[Sequence[int]], least: float
 ) -> bool:
     """Whether the fingers press on something, whichever joint is stuck or misread, in each of k ways in which the
     hand may be misread: two of them press, and more than `least`, N·m, is left without those that may touch each other.
     `press`, N·m, and `meeting`, (k, n), are those of each way: a joint at its own stop, read a little short of it,
     presses on nothing. `fingers`: the joints of each."""
-    telling = np.where(nothing.telling, press, 0.0)
+    telling = np.where(empty.telling, press, 0.0)
     parts = np.stack([telling[:, list(joints)].sum(axis=1) for joints in fingers])
     two = (parts > _PART * telling.sum(axis=1)).sum(axis=0) >= 2
     return bool((two & (np.where(meeting, 0.0, telling).sum(axis=1) > least)).all())

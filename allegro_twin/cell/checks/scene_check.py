@@ -16,11 +16,11 @@ from allegro_twin.types import Vector
 _TABLE, _TRAY = "table", "tray"
 
 
-def check_scene(robot: ArmWithHand, settings: LabSettings, things: Sequence[PlacedObject]) -> None:
+def check_scene(robot: ArmWithHand, settings: LabSettings, objects: Sequence[PlacedObject]) -> None:
     """Raise ConfigError, one line for the first thing that is wrong: objects beside, below or in the table or in each
     other, an arm or a hand that waits in something, a tray where objects are looked for, a camera below the table."""
-    names, position = [each.thing.name for each in things], _waiting(robot)
-    _check_on_table(robot, things)
+    names, position = [each.grasp_object.name for each in objects], _waiting(robot)
+    _check_on_table(robot, objects)
     check_objects_apart(robot.world.model, names, position)
     _check_tray(settings)
     still = {_TABLE, _TRAY}
@@ -72,11 +72,11 @@ def _waiting(robot: ArmWithHand) -> Vector:
     return found
 
 
-def _check_on_table(robot: ArmWithHand, things: Sequence[PlacedObject]) -> None:
+def _check_on_table(robot: ArmWithHand, objects: Sequence[PlacedObject]) -> None:
     table = robot.world.model.geom(_TABLE)
     lower, upper = table.pos - table.size, table.pos + table.size
-    for each in things:
-        place, name = np.array(each.position), each.thing.name
+    for each in objects:
+        place, name = np.array(each.position), each.grasp_object.name
         if np.any(place[:2] < lower[:2]) or np.any(place[:2] > upper[:2]):
             raise ConfigError(
                 f"{name} at {_place(place[:2])} stands beside the table, which reaches from {_place(lower[:2])} to "

@@ -130,9 +130,9 @@ class Observers:
         assert self._work is not None
         self._tell(JournalEntry("states", state_entry(now, self._work)))
 
-    def on_detection(self, frame: CameraFrame, seen: Detection | PerceptionRefusal) -> None:
+    def on_detection(self, frame: CameraFrame, detection: Detection | PerceptionRefusal) -> None:
         """Perception has looked at a picture."""
-        self._tell(JournalEntry("perception", perception_entry(frame, seen, self._cell.settings.perception)))
+        self._tell(JournalEntry("perception", perception_entry(frame, detection, self._cell.settings.perception)))
 
     def arm(self, samples: Iterable[Sample]) -> Iterator[Sample]:
         """The stage of the arm."""
@@ -174,7 +174,7 @@ def hand_extras(cell: Cell) -> Callable[[], Mapping[str, Vector]]:
     """What only a simulation knows: `palm`, `object`, the first thing, (7,) each in the world, and `others`, of the
     rest in a row."""
     model, data = cell.robot.world.model, cell.robot.world.data
-    first, *rest = (model.body(thing.name).id for thing in cell.settings.objects)
+    first, *rest = (model.body(each.name).id for each in cell.settings.objects)
     palm = model.body(cell.hand.spec.root).id
 
     def pose(body: int) -> Vector:

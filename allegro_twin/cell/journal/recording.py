@@ -21,8 +21,8 @@ from allegro_twin.viewing.skeleton import bodies_of
 
 def cell_look(cell: Cell) -> dict[str, Any]:
     """Links of `arm` and `hand`, `adapter` on the flange, `objects` and `fixed`; `base`: where the arm stands, m."""
-    robot, things = cell.robot, tuple(thing.name for thing in cell.settings.objects)
-    scene = scene_appearance(robot.world.model, cell.hand.spec, things)
+    robot, object_names = cell.robot, tuple(each.name for each in cell.settings.objects)
+    scene = scene_appearance(robot.world.model, cell.hand.spec, object_names)
     adapter = shapes_on(robot.world.model, f"{robot.spec.name}_adapter")
     return {
         "arm": [body.to_json() for body in hand_bodies(robot.spec)],
@@ -38,13 +38,13 @@ class SessionRecorder:
     """An onlooker that records one run into a file. Raises RecordingError for the file and the disk."""
 
     def __init__(self, cell: Cell, path: Path) -> None:
-        things = tuple(thing.name for thing in cell.settings.objects)
+        object_names = tuple(each.name for each in cell.settings.objects)
         self._file = SharedFile(path, recording_meta(cell))
         fields = {"states": EVENTS, "perception": PERCEPTION, "pictures": PICTURES}
         self._journals = {name: Journal(self._file.track(name), each) for name, each in fields.items()}
         self._recorders: dict[str, Recorder] = {}
         for name, backend in (("arm", cell.arm), ("hand", cell.hand)):
-            meta = {"lab": name, "look": scene_appearance(cell.robot.world.model, backend.spec, things)}
+            meta = {"lab": name, "look": scene_appearance(cell.robot.world.model, backend.spec, object_names)}
             self._recorders[name] = Recorder(self._file.track(name), backend.spec, backend.period, meta)
 
     def on_event(self, event: SessionEvent) -> None:

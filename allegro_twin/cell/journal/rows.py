@@ -59,20 +59,20 @@ def state_entry(now: MachineState, work: CellActions) -> dict[str, Any]:
 
 
 def perception_entry(
-    frame: CameraFrame, seen: Detection | PerceptionRefusal, settings: PerceptionSettings
+    frame: CameraFrame, detection: Detection | PerceptionRefusal, settings: PerceptionSettings
 ) -> dict[str, Any]:
     """A picture was looked at."""
     known = int(np.count_nonzero(finite(frame.cloud)))
     row: dict[str, Any] = {"t": frame.time, "number": frame.number, "known": known}
-    if not isinstance(seen, Detection):
-        return row | {"verdict": seen.reason, "sentence": seen.sentence}
-    solid, table = seen.solid, seen.table
+    if not isinstance(detection, Detection):
+        return row | {"verdict": detection.reason, "sentence": detection.sentence}
+    solid, table = detection.solid, detection.table
     row |= {
-        "verdict": "found", "others": seen.others, "shape": solid.shape, "size": solid.size, "error": solid.error,
-        "pose": pose_numbers(Pose(solid.position, solid.axes)), "sigma": seen.sigma,
-        "table": np.append(table.normal, table.offset), "points": seen.points.astype(np.float32),
+        "verdict": "found", "others": detection.others, "shape": solid.shape, "size": solid.size, "error": solid.error,
+        "pose": pose_numbers(Pose(solid.position, solid.axes)), "sigma": detection.sigma,
+        "table": np.append(table.normal, table.offset), "points": detection.points.astype(np.float32),
     }  # fmt: skip
-    frame_for = grasp_target(seen, settings.target)
+    frame_for = grasp_target(detection, settings.target)
     if isinstance(frame_for, GraspTarget):
         row |= {"target": pose_numbers(Pose(frame_for.position, frame_for.rotation)), "width": frame_for.width}
     return row

@@ -118,16 +118,16 @@ class GuidedImpedance:
 
     def __call__(self, state: HandState, memory: ImpedanceState) -> tuple[TorqueCommand, ImpedanceState]:
         path, line = self.guide.path, self.guide.line
-        felt = smoothed_wrench(self.compensation, self.model, state, memory)
+        wrench = smoothed_wrench(self.compensation, self.model, state, memory)
         if path is None:
             goal, dt = self.guide.target.pose, state.t - memory.t
             setpoint = line.at(state.t) if line is not None else approach(memory.setpoint, goal, dt, self.smoothing)
             motion = None if line is None else line.motion(state.t)
-            torque = hung(self.model, state, setpoint, memory.rest, self.stiffness, self.null, felt, motion)
-            return TorqueCommand(torque), ImpedanceState(setpoint, memory.rest, state.t, felt)
+            torque = hung(self.model, state, setpoint, memory.rest, self.stiffness, self.null, wrench, motion)
+            return TorqueCommand(torque), ImpedanceState(setpoint, memory.rest, state.t, wrench)
         point = path(state.t)
         wanted = _QUICK**2 * (point.position - state.position) + 2.0 * _QUICK * (point.velocity - state.velocity)
         torque = self.model.inertia(state.position) @ wanted + self.model.coriolis(state.position, state.velocity)
         return TorqueCommand(np.asarray(torque)), ImpedanceState(
-            self.model.pose(point.position), point.position, state.t, felt
+            self.model.pose(point.position), point.position, state.t, wrench
         )

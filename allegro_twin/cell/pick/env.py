@@ -143,13 +143,14 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
     def _seen(self) -> Floats:
         now, scene = self.episodes, self.episodes.scene
         arm, hand, palm, spec = scene.arm, scene.hand, scene.palm, self.episodes.spec
-        thing, mine = now.track.pose, scene.robot.spec
+        object_pose, mine = now.track.pose, scene.robot.spec
         parts: list[Array] = [
             _part(arm.position, mine.lower, mine.upper), arm.velocity / 2.0,
             _part(hand.position, spec.lower, spec.upper), hand.velocity / 5.0, (scene.path.goal - hand.position) / 0.3,
             palm.position / 0.5, palm.quaternion, (scene.aim.position - palm.position) / 0.06,
             rotation_between(palm.rotation, scene.aim.rotation) / 0.3,
-            thing.position / 0.5, palm.rotation.T @ (thing.position - palm.position) / 0.2, thing.quaternion,
+            object_pose.position / 0.5, palm.rotation.T @ (object_pose.position - palm.position) / 0.2,
+            object_pose.quaternion,
             np.array(now.body.extents) / 0.2, np.array([now.closed - 1.0, now.count / now.limit]),
         ]  # fmt: skip
         return np.clip(np.concatenate(parts), -BOUND, BOUND).astype(np.float32)

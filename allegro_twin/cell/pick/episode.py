@@ -38,7 +38,7 @@ _ROUND = ("sphere", "cylinder")
 
 def known_object(scene: PickScene, yaw: float) -> TableObject:
     """The thing as it stands, turned by `yaw`, rad."""
-    return _plain(replace(standing_object(scene.thing, yaw), position=scene.there.position))
+    return _plain(replace(standing_object(scene.grasp_object, yaw), position=scene.there.position))
 
 
 def detected_object(scene: PickScene, camera: DepthCamera, pipeline: PerceptionPipeline) -> TableObject | None:
@@ -114,23 +114,23 @@ class Episodes:
             for name in settings.objects:
                 self._check(name)
 
-    def check(self, asked: PickOptions) -> None:
+    def check(self, options: PickOptions) -> None:
         """Raises ConfigError for an object that the hand does not take. The episode that is going on stays."""
-        if asked.object is not None:
-            self._check(asked.object)
+        if options.object is not None:
+            self._check(options.object)
 
-    def begin(self, draws: np.random.Generator, asked: PickOptions) -> None:
+    def begin(self, draws: np.random.Generator, options: PickOptions) -> None:
         """The next episode, of what `check` lets pass. Raises ConfigError where the arm reaches no grasp of what is
         asked for, and then there is no episode."""
-        name = self._draw(draws) if asked.object is None else asked.object
+        name = self._draw(draws) if options.object is None else options.object
         self.scene, self._draws = self._of(name), draws
         why = ""
         for _ in range(_TRIES):
             place = draws.uniform(-self.settings.place, self.settings.place, 2)
             yaw = float(draws.uniform(-np.pi, np.pi))
             off = draws.uniform(-self.settings.off, self.settings.off, 3)
-            at = place if asked.at is None else np.array(asked.at)
-            yaw = yaw if asked.yaw is None else float(np.radians(asked.yaw))
+            at = place if options.at is None else np.array(options.at)
+            yaw = yaw if options.yaw is None else float(np.radians(options.yaw))
             try:
                 self._start(at, yaw, off)
             except ConfigError as error:

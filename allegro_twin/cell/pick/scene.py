@@ -49,10 +49,12 @@ class PickScene:
 
     def __init__(self, settings: PickSettings, arm: str, spec: HandSpec, model: HandKinematics, name: str) -> None:
         self.settings, self.name, self.spec, self._hand_model = settings, name, spec, model
-        self.thing = load_object(name)
-        placed = PlacedObject(self.thing, (0.0, 0.0, float(self.thing.half_extents()[2]) + _AIR), (1.0, 0.0, 0.0, 0.0))
+        self.grasp_object = load_object(name)
+        placed = PlacedObject(
+            self.grasp_object, (0.0, 0.0, float(self.grasp_object.half_extents()[2]) + _AIR), (1.0, 0.0, 0.0, 0.0)
+        )
         self.robot: ArmWithHand = make_arm_with_hand(
-            arm, spec, things=[placed], friction=settings.friction, periods=(settings.period,) * 2
+            arm, spec, objects=[placed], friction=settings.friction, periods=(settings.period,) * 2
         )
         self._place = int(self.robot.world.model.joint(name).qposadr[0])
         self.arm: HandState
@@ -88,7 +90,7 @@ class PickScene:
     @property
     def there(self) -> Pose:
         """The thing, in the world, as it is."""
-        return self.robot.thing(self.name)
+        return self.robot.object_pose(self.name)
 
     def move(self, step: Vector, twist: Vector, posture: Vector) -> None:
         """Displace the palm's set-point, (3,), m, and turn it, (3,), rad, in the world's axes; fingers to a posture."""

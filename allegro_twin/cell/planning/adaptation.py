@@ -392,12 +392,12 @@ def detected_scenario(body: TableObject, spec: HandSpec, density: float, folder:
     and its mass by a density, kg/m³. The palm and the grasp are those of whoever tries it. `folder`: where a
     compound's file is put."""
     if body.parts:
-        thing = compound_object(body, "seen", density, folder)
+        scenario_object = compound_object(body, "seen", density, folder)
     else:
-        thing = detected_object(body.kind, body.extents, "seen", density)
+        scenario_object = detected_object(body.kind, body.extents, "seen", density)
     wrist = Wrist(position=(0.0, 0.0, 0.1), facing=(0.0, 0.0, -1.0), fingers=(1.0, 0.0, 0.0), retreat=(0.0, 0.0, 0.1))
     return Scenario(
-        objects=(thing,), friction=_FRICTION, grasp="adapted",
+        objects=(scenario_object,), friction=_FRICTION, grasp="adapted",
         hand=spec.model_reference, side="right", wrist=wrist, protocol=_PROTOCOL,
     )  # fmt: skip
 
@@ -438,9 +438,9 @@ def compound_object(
         placed = place_object(one)
         assert one.mass is not None
         assert one.size is not None
-        thing = replace(placed.thing, size=tuple(size * edge for edge in one.size), mass=mass * one.mass)
+        grasp_object = replace(placed.grasp_object, size=tuple(size * edge for edge in one.size), mass=mass * one.mass)
         x, y, z = (size * part.position + [0.0, 0.0, (size - 1.0) * body.extents[2] / 2.0]).tolist()
-        parts.append(PlacedObject(thing, (x, y, z), placed.quaternion))
+        parts.append(PlacedObject(grasp_object, (x, y, z), placed.quaternion))
     path = folder / "compound.xml"
     write_compound(parts, path)
     return ScenarioObject(name=name, shape="mjcf", file=path, at=(0.0, 0.0, body.extents[2] / 2.0 + _AIR))

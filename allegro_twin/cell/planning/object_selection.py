@@ -49,7 +49,7 @@ class SelectedObject:
 class _Reading(NamedTuple):
     """One interpretation of a cluster, with the objects beside it then."""
 
-    thing: Detection
+    detection: Detection
     beside: tuple[Detection, ...]
 
 
@@ -92,32 +92,32 @@ class ObjectSelector:
             self._left.append(solid)
 
     def first(
-        self, seen: Sequence[Detection | PerceptionRefusal], frame: CameraFrame, alone: Cloud
+        self, detections: Sequence[Detection | PerceptionRefusal], frame: CameraFrame, alone: Cloud
     ) -> SelectedObject | CellOutcome:
         """Select the first observed object that can be taken, with room to all others or, where none can, with less;
         otherwise the reason. `alone`: the picture's cloud without arm and hand."""
-        readings, refused = self._readings(seen), dict[int, CellOutcome]()
-        on_table = _least_count(seen)
+        readings, refused = self._readings(detections), dict[int, CellOutcome]()
+        on_table = _least_count(detections)
         self._most = max(self._most, self.released + self._fell + on_table)
         for clear in (CLEAR, _TIGHT):
             for number, each in enumerate(readings):
                 if isinstance(each, PerceptionRefusal):
                     refused[number] = refusal_outcome(each)
                     continue
-                solid = each.thing.solid
+                solid = each.detection.solid
                 if any(_is_there(solid, left) for left in self._left):
                     said = f"the {solid.shape} at {position_text(solid.position)} was not held"
                     refused[number] = CellOutcome("refused", "no_grasp", said)
                     continue
-                if clear == CLEAR or each.beside or len(seen) > 1:
-                    chosen = self.one(each.thing, frame, alone, clear, each.beside)
+                if clear == CLEAR or each.beside or len(detections) > 1:
+                    chosen = self.one(each.detection, frame, alone, clear, each.beside)
                     if isinstance(chosen, SelectedObject):
                         return chosen
                     refused[number] = chosen
             if len(readings) == 1:
                 break
         gone = self._most - self.released - self._fell
-        nothing = all(isinstance(each, PerceptionRefusal) and each.reason == "no_object" for each in seen)
+        nothing = all(isinstance(each, PerceptionRefusal) and each.reason == "no_object" for each in detections)
         said = f"{self._most} object{'s were' if self._most > 1 else ' was'} seen: see what has become of {gone}"
         self.warning = said if nothing and gone > 0 else ""
         strays = self._strays(frame, alone)
@@ -129,36 +129,43 @@ class ObjectSelector:
         return CellOutcome("refused", reasons.pop() if len(reasons) == 1 else "no_grasp", said)
 
     @staticmethod
-    def _readings(seen: Sequence[Detection | PerceptionRefusal]) -> list[_Reading | PerceptionRefusal]:
+    def _readings(detections: Sequence[Detection | PerceptionRefusal]) -> list[_Reading | PerceptionRefusal]:
         """What was seen, in order, and then what it may be instead."""
-        found = [one for one in seen if isinstance(one, Detection)]
+        found = [one for one in detections if isinstance(one, Detection)]
         first, last = list[_Reading | PerceptionRefusal](), list[_Reading]()
-        for one in seen:
+        for one in detections:
             if isinstance(one, PerceptionRefusal):
                 first.append(one)
                 continue
             rest = tuple(other for other in found if other is not one)
             first.append(_Reading(one, rest))
             for other in one.instead:
-                if not any(other is known.thing for known in last):  # Two parts are of one compound.
+                if not any(other is known.detection for known in last):  # Two parts are of one compound.
                     parts = tuple(part for part in one.instead if part is not other)
                     apart = tuple(each for each in rest if all(other is not whole for whole in each.instead))
                     last.append(_Reading(other, (*parts, *apart)))
         return [*first, *last]
 
     def one(
-        self, seen: Detection, frame: CameraFrame, alone: Cloud, clear: float = CLEAR, known: Sequence[Detection] = ()
+        self,
+        detection: Detection,
+        frame: CameraFrame,
+        alone: Cloud,
+        clear: float = CLEAR,
+        known: Sequence[Detection] = (),
     ) -> SelectedObject | CellOutcome:
         """How one is taken, or why it cannot be. `clear`: room to the others, m; `known`: those that were detected."""
         cell = self._cell
         try:
-            rest = other_objects(frame, alone, seen, cell.settings.perception, cell.settings.tray, known)
+            rest = other_objects(frame, alone, detection, cell.settings.perception, cell.settings.tray, known)
             obstacles = [table_object(each.solid) for each in known] + [box_around(points) for points in rest]
-            own = [box_around(points) for points in protruding_parts(seen, cell.settings.perception)]
-            plan = self._beside_own(seen.solid, obstacles, own, clear) or self._plan(seen.solid, obstacles, clear)
+            own = [box_around(points) for points in protruding_parts(detection, cell.settings.perception)]
+            plan = self._beside_own(detection.solid, obstacles, own, clear) or self._plan(
+                detection.solid, obstacles, clear
+            )
         except ConfigError as error:
             return CellOutcome("refused", "no_grasp", str(error))
-        return SelectedObject(seen, plan, (*(each.points for each in known), *rest))
+        return SelectedObject(detection, plan, (*(each.points for each in known), *rest))
 
     def _beside_own(
         self, solid: Solid, obstacles: Sequence[TableObject], own: Sequence[TableObject], clear: float
@@ -204,11 +211,11 @@ def refusal_outcome(refused: PerceptionRefusal) -> CellOutcome:
     return CellOutcome("fault" if refused.reason == "table" else "refused", refused.reason, refused.sentence)
 
 
-def _least_count(seen: Sequence[Detection | PerceptionRefusal]) -> int:
+def _least_count(detections: Sequence[Detection | PerceptionRefusal]) -> int:
     """So many things are on the table at least: the parts of what may be one body are one, and what is too small to be
     known may be a part of something."""
     bodies = set[int]()
-    for each in seen:
+    for each in detections:
         if isinstance(each, Detection):
             whole = next((other for other in each.instead if other.solid.parts), each)
             bodies.add(id(whole))
@@ -226,15 +233,15 @@ def _alike(one: Solid, other: Solid) -> bool:
     return one.shape == other.shape and bool(np.abs(np.subtract(one.size, other.size)).max() < _ALIKE)
 
 
-def shows_at_fingers(way: GraspCandidate, cell: Cell) -> bool:
+def shows_at_fingers(candidate: GraspCandidate, cell: Cell) -> bool:
     """Whether the grasp check would see by the fingers that something is between them, with some to spare, where they
     rest as planned; a grasp of which nobody knows where will do."""
-    grasp, rest, spec = way.card.grasp, way.card.rest, cell.hand.spec
+    grasp, rest, spec = candidate.card.grasp, candidate.card.rest, cell.hand.spec
     if rest is None:
         return True
     limit = spec.actuation.torque_limit
     torque = np.clip(cell.stiffness * (grasp.squeeze - rest), -limit, limit)
-    nothing = empty_grasp(cell.settings.hand, grasp, way.palm.rotation)
-    press = pressing_torque(rest, torque, nothing, cell.stiffness, spec.actuation.frictionloss)
-    between = torque_between_fingers(press, nothing, touching_joints(cell.settings.hand, rest))
+    empty = empty_grasp(cell.settings.hand, grasp, candidate.palm.rotation)
+    press = pressing_torque(rest, torque, empty, cell.stiffness, spec.actuation.frictionloss)
+    between = torque_between_fingers(press, empty, touching_joints(cell.settings.hand, rest))
     return between > _SPARE * cell.settings.validation.torque

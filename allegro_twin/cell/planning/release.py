@@ -60,7 +60,7 @@ class _ArmPath(NamedTuple):
 
 
 def release_path(
-    tray: TraySettings, way: GraspCandidate, grasped: Pose, solid: Solid, others: Sequence[Array], now: Vector,
+    tray: TraySettings, candidate: GraspCandidate, grasped: Pose, solid: Solid, others: Sequence[Array], now: Vector,
     cell: Cell, used: int = 0, inside: Array = _NOTHING,
 ) -> ReleasePath:  # fmt: skip
     """The path from a posture of the arm, `now` (n,), rad. `grasped`: the palm when the object, `solid`, stood on the
@@ -76,7 +76,7 @@ def release_path(
     filled = height_around(inside, np.array(tray.at), float(np.hypot(*tray.size)) / 2.0)
     places = _emptiest_first(tray, solid, inside, used)
     tray = tray.model_copy(update={"height": max(tray.height, filled)})
-    hand, speed, reached = way.card.grasp.squeeze, cell.settings.arm.joint_speed, 0
+    hand, speed, reached = candidate.card.grasp.squeeze, cell.settings.arm.joint_speed, 0
     for place in places:
         plans = sorted(_reached(tray, place, grasped, solid, boxes, now, cell), key=lambda each: each.far)
         reached += len(plans)

@@ -141,11 +141,11 @@ def stored_grasps(model: str, side: Side = "right") -> tuple[StoredGrasp, ...]:
     spec = load_spec(model, side)
     for path in sorted((data_root() / "scenarios").glob("*/*.yaml"), key=_order):
         one = load_scenario(path)[0]
-        thing = one.objects[0].name
+        object_name = one.objects[0].name
         # The one that is named after its thing, with the hand before it or not: others show other grasps of it.
-        named = path.parent.name == _ON_ARM or path.stem.removeprefix(f"{model}_") == thing
+        named = path.parent.name == _ON_ARM or path.stem.removeprefix(f"{model}_") == object_name
         if one.hand == model and one.objects[0].shape is None and named:
-            found[thing] = _card(one, spec)
+            found[object_name] = _card(one, spec)
     if not found:
         raise ConfigError(f"no scenario takes a thing of the catalogue with the hand {model}: add some to scenarios/")
     return tuple(found.values())
@@ -157,8 +157,8 @@ def _order(path: Path) -> tuple[bool, Path]:
 
 def _card(scenario: Scenario, spec: HandSpec) -> StoredGrasp:
     settings, wrist = scenario.objects[0], scenario.wrist
-    thing = object_catalogue()[settings.name]
-    body = standing_object(thing, np.radians(settings.yaw))
+    grasp_object = object_catalogue()[settings.name]
+    body = standing_object(grasp_object, np.radians(settings.yaw))
     offset = np.array(wrist.position)
     if wrist.over is not None:
         offset[2] = max(wrist.over.table - body.extents[2] / 2.0, body.extents[2] / 2.0 + wrist.over.top)
@@ -170,12 +170,12 @@ def _card(scenario: Scenario, spec: HandSpec) -> StoredGrasp:
     return StoredGrasp(settings.name, body, Library().grasp(scenario.grasp, spec), Pose(offset, rotation), retreat)
 
 
-def standing_object(thing: GraspObject, yaw: float) -> TableObject:
+def standing_object(grasp_object: GraspObject, yaw: float) -> TableObject:
     """A thing of the catalogue with its own z up."""
-    x, y, height = (2.0 * thing.half_extents()).tolist()
-    lying = "lying " if thing.shape == "ellipsoid" else ""
+    x, y, height = (2.0 * grasp_object.half_extents()).tolist()
+    lying = "lying " if grasp_object.shape == "ellipsoid" else ""
     extents = (max(x, y), min(x, y), height)
-    return TableObject(lying + thing.shape, extents, yaw + (np.pi / 2.0 if y > x else 0.0), np.zeros(3))
+    return TableObject(lying + grasp_object.shape, extents, yaw + (np.pi / 2.0 if y > x else 0.0), np.zeros(3))
 
 
 def symmetric_turns(body: TableObject) -> Array:

@@ -18,13 +18,13 @@ _TURNS = np.radians(np.arange(0.0, 90.0, 2.0))
 
 
 def wanted_first(
-    seen: Sequence[Detection | PerceptionRefusal], wanted: GraspObject
+    detections: Sequence[Detection | PerceptionRefusal], wanted: GraspObject
 ) -> Sequence[Detection | PerceptionRefusal]:
     """What was seen, with what is most like the object that was wanted for in front; as it is where nothing is."""
     poses = resting_extents(wanted)
-    ways = [unlikeness(each.solid.size, poses) if isinstance(each, Detection) else np.inf for each in seen]
-    best = int(np.argmin(ways))
-    return [seen[best], *seen[:best], *seen[best + 1 :]] if ways[best] < _FITS else seen
+    costs = [unlikeness(each.solid.size, poses) if isinstance(each, Detection) else np.inf for each in detections]
+    best = int(np.argmin(costs))
+    return [detections[best], *detections[:best], *detections[best + 1 :]] if costs[best] < _FITS else detections
 
 
 def unlikeness(size: Sequence[float], poses: Array) -> float:
@@ -33,17 +33,19 @@ def unlikeness(size: Sequence[float], poses: Array) -> float:
     return float(ratios.min(initial=np.inf))
 
 
-def resting_extents(thing: GraspObject) -> Array:
+def resting_extents(grasp_object: GraspObject) -> Array:
     """The sorted edges of the boxes around an object, (k, 3), m: upright along each of its own axes, and across it as
     small as any turn makes it. None of an MJCF, which has no size."""
-    if thing.shape == "mjcf":
+    if grasp_object.shape == "mjcf":
         return np.empty((0, 3))
-    if thing.shape != "mesh":
-        return np.sort(2.0 * thing.half_extents())[None]
-    points, found = thing.mesh().vertices, []
+    if grasp_object.shape != "mesh":
+        return np.sort(2.0 * grasp_object.half_extents())[None]
+    points, found = grasp_object.mesh().vertices, []
     for up in range(3):
         across = np.delete(points, up, axis=1)
-        ways = np.stack([np.cos(_TURNS), np.sin(_TURNS)])
-        edges = np.stack([np.ptp(across @ ways, axis=0), np.ptp(across @ [-ways[1], ways[0]], axis=0)], axis=1)
+        directions = np.stack([np.cos(_TURNS), np.sin(_TURNS)])
+        edges = np.stack(
+            [np.ptp(across @ directions, axis=0), np.ptp(across @ [-directions[1], directions[0]], axis=0)], axis=1
+        )
         found.append([*edges[np.argmin(edges.prod(axis=1))], np.ptp(points[:, up])])
     return np.sort(found, axis=1)

@@ -153,8 +153,8 @@ class SerialBackend:
             self._driver = self._driver_of(port)
             self._driver.find()
             if self._settings.keeper and port.shared is not None:
-                words = self._driver.shutdown_frames.hex()
-                self._keeper = Keeper({"kind": "bytes", "fd": port.shared, "words": words})
+                frames = self._driver.shutdown_frames.hex()
+                self._keeper = Keeper({"kind": "bytes", "fd": port.shared, "shutdown_frames": frames})
                 self._keeper.arm()
         except HandError:
             self._hang_up()

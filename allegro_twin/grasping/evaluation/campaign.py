@@ -142,10 +142,10 @@ class Campaign(NamedTuple):
     """Inputs of each item: all that its trial reads, by name and fingerprint."""
 
 
-def find_targets(paths: Iterable[Path], asked: TargetOptions = TargetOptions()) -> list[EvaluationTarget]:
+def find_targets(paths: Iterable[Path], options: TargetOptions = TargetOptions()) -> list[EvaluationTarget]:
     """A target for every scenario and every grasp of a file, and each side. Raises ConfigError, also for targets that
     are under different protocols: their results do not compare."""
-    found = [target for path in paths for target in _targets(path.resolve(), asked)]
+    found = [target for path in paths for target in _targets(path.resolve(), options)]
     check_one_protocol(found)
     places = [(str(target.item.get("scenario")), target.item.get("row"), target.side) for target in found]
     twice = next((t.name for t, place in zip(found, places, strict=True)
@@ -179,39 +179,39 @@ def make_campaign(targets: Sequence[EvaluationTarget], noise: SamplingSettings, 
     return Campaign(items, shared, _stamps(targets, noise), inputs)
 
 
-def _targets(path: Path, asked: TargetOptions) -> Iterator[EvaluationTarget]:
+def _targets(path: Path, options: TargetOptions) -> Iterator[EvaluationTarget]:
     if path.suffix == ".npy" or "grasps" in read_yaml(path):
-        yield from _of_file(path, asked)
+        yield from _of_file(path, options)
         return
     scenario, _ = load_scenario(path)
-    named = {"protocol": asked.protocol, "grasp": asked.grasp, "object": asked.object}
-    for side in asked.sides or (_own_side(asked) or scenario.side,):
+    named = {"protocol": options.protocol, "grasp": options.grasp, "object": options.object}
+    for side in options.sides or (_own_side(options) or scenario.side,):
         item = {"scenario": str(path), "side": side, **{k: v for k, v in named.items() if v is not None}}
-        spec = load_spec(hand_name(item), side, asked.serial)
+        spec = load_spec(hand_name(item), side, options.serial)
         yield EvaluationTarget(path.stem, item, load_case(item, spec), spec)
 
 
-def _of_file(path: Path, asked: TargetOptions) -> Iterator[EvaluationTarget]:
-    if asked.sides is not None and len(asked.sides) > 1:
+def _of_file(path: Path, options: TargetOptions) -> Iterator[EvaluationTarget]:
+    if options.sides is not None and len(options.sides) > 1:
         raise ConfigError(f"{path}: its grasps are of one hand; say --side right or --side left")
-    if asked.grasp is not None:
+    if options.grasp is not None:
         raise ConfigError(f"{path}: holds its own grasps; --grasp is for scenarios")
-    protocol = asked.protocol or FLOATING
+    protocol = options.protocol or FLOATING
     if not load_protocol(protocol).floating:
         raise ConfigError(f"{path}: its grasps know of no table, which {protocol} has: say --protocol fc or strength")
     own = own_hand(path)
-    hand = asked.hand or own.model or HAND
-    side = asked.sides[0] if asked.sides else own.side or _own_side(asked) or card_side(hand) or "right"
-    spec = load_spec(hand, side, asked.serial)
+    hand = options.hand or own.model or HAND
+    side = options.sides[0] if options.sides else own.side or _own_side(options) or card_side(hand) or "right"
+    spec = load_spec(hand, side, options.serial)
     for row in range(len(load_grasps(path, spec))):
         item: dict[str, Any] = {"file": str(path), "row": row, "side": side, "protocol": protocol}
         item |= {} if hand == HAND else {"hand": spec.model_reference}
-        item |= {} if asked.object is None else {"object": asked.object}
+        item |= {} if options.object is None else {"object": options.object}
         yield EvaluationTarget(f"{path.stem}_{row}", item, load_case(item, spec), spec)
 
 
-def _own_side(asked: TargetOptions) -> Side | None:
-    return hand_side(asked.serial) if asked.serial else None
+def _own_side(options: TargetOptions) -> Side | None:
+    return hand_side(options.serial) if options.serial else None
 
 
 def _stamps(targets: Sequence[EvaluationTarget], noise: SamplingSettings) -> dict[str, str]:

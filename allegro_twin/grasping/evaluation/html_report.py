@@ -142,11 +142,11 @@ def auc(values: Array, outcome: Array) -> float:
 def _numbers(rows: ResultTable) -> str:
     """The whole in a few figures."""
     held, low, high = int(rows.held.sum()), *wilson(int(rows.held.sum()), len(rows))
-    things = list(rows.groups("object"))
-    any_held = sum(bool(rows.held[chosen].any()) for _, chosen in things)
+    objects = list(rows.groups("object"))
+    any_held = sum(bool(rows.held[chosen].any()) for _, chosen in objects)
     items = [
         (f"{held} of {len(rows)}", f"held: {100 * held / len(rows):.0f} % ({100 * low:.0f}–{100 * high:.0f} %)"),
-        (f"{any_held} of {len(things)}", "objects with a grasp that held"),
+        (f"{any_held} of {len(objects)}", "objects with a grasp that held"),
     ]
     tried = rows.tried()
     if tried is not None:

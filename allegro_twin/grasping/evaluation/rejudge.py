@@ -29,12 +29,12 @@ def rejudge(spec: HandSpec, columns: Mapping[str, Array], meta: Mapping[str, Any
     if not len(columns["t"]) or columns["t"][-1] < windows[-1].end - 1e-9:
         return None
     unseen = np.full((len(columns["t"]), 1), np.nan)  # Older recordings do not say it.
-    seen = Observations(
+    observations = Observations(
         columns["t"], columns["palm"], columns["object"], columns["contact_force"], columns["on_table"][:, 0],
         columns.get("contacts", unseen)[:, 0], columns.get("penetration", unseen)[:, 0], columns["torque"],
     )  # fmt: skip
     return judge(
-        seen, windows, Rule(**{key: rule[key] for key in rule if key != "windows"}),
+        observations, windows, Rule(**{key: rule[key] for key in rule if key != "windows"}),
         parts=[*(f.name for f in spec.fingers), "palm"], joints=spec.joint_labels,
         torque_limit=spec.actuation.torque_limit,
     )  # fmt: skip

@@ -52,7 +52,7 @@ def read_record(
     return check_grasps(
         spec, stages[..., :7], reorder_joints(stages[..., 7:], spec, where, order),
         _of_object(record, "obj_pose", (1, 0, 0, 0), len(stages), where), _scale(record, len(stages), where),
-        thing=next((str(record[key]) for key in _OBJECT if key in record), source.parent.name),
+        object_name=next((str(record[key]) for key in _OBJECT if key in record), source.parent.name),
         frame=frame, source=where,
     )  # fmt: skip
 

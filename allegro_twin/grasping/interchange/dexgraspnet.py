@@ -33,7 +33,7 @@ def read_entries(entries: Sequence[Mapping[str, Any]], spec: HandSpec, source: P
     reorder_joints(postures, spec, where)
     return check_grasps(
         spec, np.repeat(pose[:, None], 3, axis=1), postures, [0, 0, 0, 1, 0, 0, 0], scale,
-        thing=str(entries[0].get("object_code", source.stem)), frame=PALM, source=added,
+        object_name=str(entries[0].get("object_code", source.stem)), frame=PALM, source=added,
     )  # fmt: skip
 
 

@@ -133,7 +133,7 @@ def check_hand(hand: object, side: object, spec: HandSpec, where: str) -> None:
 
 def check_grasps(
     spec: HandSpec, hand: ArrayLike, joints: ArrayLike, object_pose: ArrayLike, scale: ArrayLike, *,
-    thing: str, frame: PalmFrame, source: str,
+    object_name: str, frame: PalmFrame, source: str,
 ) -> Grasps:  # fmt: skip
     """Grasps from arrays that fit each other; one pose and one scale of the object stand for all.
 
@@ -143,11 +143,11 @@ def check_grasps(
     poses, angles = frozen(hand), frozen(joints)
     if not len(poses):
         raise ConfigError(f"{source}: holds no grasp")
-    things = frozen(np.broadcast_to(np.asarray(object_pose, dtype=np.float64), (len(poses), 7)))
+    object_poses = frozen(np.broadcast_to(np.asarray(object_pose, dtype=np.float64), (len(poses), 7)))
     scales = frozen(np.broadcast_to(np.asarray(scale, dtype=np.float64), (len(poses),)))
-    for name, values in (("hand pose", poses), ("joints", angles), ("object pose", things), ("scale", scales)):
+    for name, values in (("hand pose", poses), ("joints", angles), ("object pose", object_poses), ("scale", scales)):
         _finite(values, name, source)
-    for name, quaternion in (("hand", poses[..., 3:]), ("object", things[:, 3:])):
+    for name, quaternion in (("hand", poses[..., 3:]), ("object", object_poses[:, 3:])):
         size = _length(quaternion)
         if np.abs(size - 1.0).max() > _UNIT:
             bad = np.unravel_index(np.abs(size - 1.0).argmax(), size.shape)
@@ -157,14 +157,14 @@ def check_grasps(
             )
     if scales.min() <= 0.0:
         raise ConfigError(f"{source}: the object's scale is {scales.min():g}; it must be above 0")
-    _metres(poses, things, source)
-    return Grasps(poses, angles, things, scales, thing, spec, frame, source)
+    _metres(poses, object_poses, source)
+    return Grasps(poses, angles, object_poses, scales, object_name, spec, frame, source)
 
 
-def _metres(poses: Array, things: Array, source: str) -> None:
+def _metres(poses: Array, object_poses: Array, source: str) -> None:
     for what, offset in (
-        ("the object is {} from the origin", things[:, None, :3]),
-        ("the hand is {} from the object", poses[..., :3] - things[:, None, :3]),
+        ("the object is {} from the origin", object_poses[:, None, :3]),
+        ("the hand is {} from the object", poses[..., :3] - object_poses[:, None, :3]),
     ):
         distance = float(_length(offset).max())
         if distance > FARTHEST:

@@ -67,7 +67,7 @@ def read_yaml_grasps(path: Path, spec: HandSpec) -> Grasps:
         check_limits(np.array(joints, dtype=np.float64), spec, where)
     return check_grasps(
         spec, poses, joints, [entry.object_pose for entry in file.grasps] or np.zeros((0, 7)),
-        [entry.scale for entry in file.grasps], thing=file.object, frame=FRAMES[file.frame], source=where,
+        [entry.scale for entry in file.grasps], object_name=file.object, frame=FRAMES[file.frame], source=where,
     )  # fmt: skip
 
 

@@ -98,12 +98,12 @@ class ImportedGrasp(NamedTuple):
     folder: Path
 
 
-def import_grasp(path: Path, row: int, spec: HandSpec, thing: str | None = None) -> ImportedGrasp:
-    """Grasp number `row` of a file. `thing`: the object, where the file's own path is not here. The palm is where
+def import_grasp(path: Path, row: int, spec: HandSpec, object_name: str | None = None) -> ImportedGrasp:
+    """Grasp number `row` of a file. `object_name`: the object, where the file's own path is not here. The palm is where
     the file has it at the closed posture; of a left hand the scenario has its mirror image, as any. Raises
     ConfigError."""
     grasps = load_grasps(path, spec)
-    placed = _object(grasps, row, thing, path)
+    placed = _object(grasps, row, object_name, path)
     palm = grasps.palm[row, -2]
     if placed.file is not None:
         palm = grasps.palm_from(mesh_middle(placed.file, placed.scale))[row, -2]
@@ -129,33 +129,33 @@ def load_grasps(path: Path, spec: HandSpec) -> Grasps:
     return _read(path, path.stat().st_mtime_ns if path.is_file() else 0, spec)
 
 
-def assumed_hand(path: Path, spec: HandSpec, *, asked: bool) -> str:
+def assumed_hand(path: Path, spec: HandSpec, *, named: bool) -> str:
     """A sentence on what a file does not say of its hand, and how it is read therefore; empty where it says all.
-    `asked`: whether a person has named the hand. Raises ConfigError."""
+    `named`: whether a person has named the hand. Raises ConfigError."""
     own, said = own_hand(path), []
-    if not asked and own.model is None and not own.named:
+    if not named and own.model is None and not own.named:
         said.append(f"says of no hand and names no joints: read as of {spec.name} (--hand has others)")
     if own.frame is None and spec.model != HAND:
         said.append(f"does not say of which frame its poses are: read as of our palm of {spec.name}")
     return f"{path.name}: {'; '.join(said)}" if said else ""
 
 
-def replaced_object(path: Path, thing: str, spec: HandSpec) -> str:
-    """A sentence on what of a file does not count where `thing` stands for its object; empty where all does. Raises
-    ConfigError."""
-    grasps, own = load_grasps(path, spec), Path(thing).suffix.lower() in SUFFIXES
+def replaced_object(path: Path, object_name: str, spec: HandSpec) -> str:
+    """A sentence on what of a file does not count where `object_name` stands for its object; empty where all does.
+    Raises ConfigError."""
+    grasps, own = load_grasps(path, spec), Path(object_name).suffix.lower() in SUFFIXES
     said = []
-    if Path(grasps.object).stem != Path(thing).stem:
-        said.append(f"its grasps are for {grasps.object!r} and are tried on {thing}")
+    if Path(grasps.object).stem != Path(object_name).stem:
+        said.append(f"its grasps are for {grasps.object!r} and are tried on {object_name}")
     if not own and not np.all(grasps.scale == 1.0):
         scales = ", ".join(f"{scale:g}" for scale in np.unique(grasps.scale)[:3])
-        said.append(f"its scale ({scales}) does not count: {thing} has the catalogue's size")
+        said.append(f"its scale ({scales}) does not count: {object_name} has the catalogue's size")
     return f"{path.name}: {'; '.join(said)}" if said else ""
 
 
-def _object(grasps: Grasps, row: int, thing: str | None, path: Path) -> ScenarioObject:
-    name = grasps.object if thing is None else thing
-    if thing is not None and Path(name).suffix.lower() not in SUFFIXES:
+def _object(grasps: Grasps, row: int, object_name: str | None, path: Path) -> ScenarioObject:
+    name = grasps.object if object_name is None else object_name
+    if object_name is not None and Path(name).suffix.lower() not in SUFFIXES:
         return parse_object(name)
     places = [Path(name), path.parent / name]
     file = next((place for place in places if place.is_file() and place.suffix.lower() in SUFFIXES), None)

@@ -105,19 +105,21 @@ ROUND = 36
 def object_symmetry(placed: PlacedObject) -> ObjectSymmetry:
     """On a table: of a body of revolution that stands on its axis, and of a sphere, any turn about the vertical; of a
     box and of what lies, two or four; of a mesh, none."""
-    thing = placed.thing
+    grasp_object = placed.grasp_object
     _w, x, y, _z = placed.quaternion
     upright = abs(x) < 1e-6 and abs(y) < 1e-6
     vertical = np.abs(matrix_from_quaternion(np.array(placed.quaternion))[2]) > 1.0 - 1e-6
-    match thing.shape:
+    match grasp_object.shape:
         case "sphere":
             count = ROUND
         case "cylinder":
             count = ROUND if vertical[2] else 2
         case "ellipsoid":
-            count = ROUND if vertical[0] or np.isclose(thing.size[0], thing.size[1]) else 2  # Its x is its axis.
+            count = (
+                ROUND if vertical[0] or np.isclose(grasp_object.size[0], grasp_object.size[1]) else 2
+            )  # Its x is its axis.
         case "box":
-            half = thing.half_extents()
+            half = grasp_object.half_extents()
             square = np.isclose(*sorted(half)[:2]) if not upright else np.isclose(half[0], half[1])
             count = 4 if square and (upright or np.allclose(half, half[0])) else 2
         case _:

@@ -124,7 +124,7 @@ def pushed_stage(scenario: Scenario, stage: Stage, spec: HandSpec, grasp: Grasp,
     """The stage as it is after the push, which is simulated. Raises ConfigError for an object that does not come to
     lie where it was to."""
     assert scenario.push is not None
-    protocol, before = load_protocol(scenario.protocol), stage.things[0]
+    protocol, before = load_protocol(scenario.protocol), stage.objects[0]
     trial = Trial(scenario, spec, grasp, folder=folder)
     gains = load_gains(protocol_gains(protocol.gains, spec), spec)
     controller: Controller[Any] = PositionControl(trial.reference)
@@ -137,11 +137,11 @@ def pushed_stage(scenario: Scenario, stage: Stage, spec: HandSpec, grasp: Grasp,
     astray, tilt = float(np.linalg.norm(pose[:3] - wanted)), tilt_along_push(np.array(before.quaternion), pose[3:])
     if astray > ASTRAY or tilt > TILTED:
         raise ConfigError(
-            f"object {before.thing.name}: the push leaves it {1000 * astray:.0f} mm from where it was to come, tilted "
-            f"by {np.degrees(tilt):.0f}°: lay it so that a flat side is towards the fingers"
+            f"object {before.grasp_object.name}: the push leaves it {1000 * astray:.0f} mm from where it was to come, "
+            f"tilted by {np.degrees(tilt):.0f}°: lay it so that a flat side is towards the fingers"
         )
-    placed = PlacedObject(before.thing, tuple(pose[:3].tolist()), tuple(pose[3:].tolist()))
-    return replace(stage, things=[placed, *stage.things[1:]])
+    placed = PlacedObject(before.grasp_object, tuple(pose[:3].tolist()), tuple(pose[3:].tolist()))
+    return replace(stage, objects=[placed, *stage.objects[1:]])
 
 
 def pushed_to(push: EdgePush, begun: Array) -> Array:

@@ -115,15 +115,15 @@ def _entry(grasp: Grasp, spec: HandSpec, description: str, evidence: str, proof:
 
 def describe(planned: PlannedGrasp, spec: HandSpec) -> str:
     """What was shown of it, and with which hand where that was one by its own file."""
-    thing, left = planned.scenario.objects[0].name, f"{100 * planned.margin:.0f} % of the drift limits left"
+    planned_for, left = planned.scenario.objects[0].name, f"{100 * planned.margin:.0f} % of the drift limits left"
     if spec.serial:
-        thing += f" and the hand of {Path(spec.serial).name}"
+        planned_for += f" and the hand of {Path(spec.serial).name}"
     said = [f"{left} without noise"]
     if planned.judged:
         drawn = make_rate("", planned.judged_held, planned.judged)
         said.insert(0, f"held in {drawn} draws that it was not chosen on")
     begun = f"begun as {planned.candidate.template}, seed {planned.seed}, {planned.candidates} candidates"
-    return f"Planned for {thing}, {_FROM[planned.candidate.direction]}: {', '.join(said)}; {begun}"
+    return f"Planned for {planned_for}, {_FROM[planned.candidate.direction]}: {', '.join(said)}; {begun}"
 
 
 def make_proof(planned: PlannedGrasp, uncertainty: Uncertainty) -> PlanRecord:
@@ -140,15 +140,15 @@ def make_proof(planned: PlannedGrasp, uncertainty: Uncertainty) -> PlanRecord:
 def _plain(scenario: Scenario, grasp: str, folder: Path, description: str) -> dict[str, Any]:
     """What a file says of a scenario, and no default."""
     content = scenario.model_dump(mode="json", exclude_defaults=True)
-    content["objects"] = [_object(thing, folder) for thing in scenario.objects]
+    content["objects"] = [_object(scenario_object, folder) for scenario_object in scenario.objects]
     if scenario.hand.endswith(".yaml"):
         content["hand"] = os.path.relpath(scenario.hand, folder)
     content |= {"description": description, "friction": scenario.friction, "grasp": grasp}
     return {key: content[key] for key in ("description", "objects", *content) if key in content}
 
 
-def _object(thing: ScenarioObject, folder: Path) -> dict[str, Any]:
-    content = thing.model_dump(mode="json", exclude_defaults=True)
-    if thing.file is not None:
-        content["file"] = os.path.relpath(thing.file, folder)
+def _object(scenario_object: ScenarioObject, folder: Path) -> dict[str, Any]:
+    content = scenario_object.model_dump(mode="json", exclude_defaults=True)
+    if scenario_object.file is not None:
+        content["file"] = os.path.relpath(scenario_object.file, folder)
     return content

@@ -169,7 +169,7 @@ class GraspSearch:
         gains = load_gains(protocol_gains(protocol.gains, self.spec), self.spec) if reckoned else None
         at_first, stage = self._stages(protocol)
         return Proposer(
-            GraspScene(self.spec, stage, at_first.things[0].position), self.templates,
+            GraspScene(self.spec, stage, at_first.objects[0].position), self.templates,
             protocol.friction or self.scenario.friction, _turns(protocol, self.spec.side), random,
             FINE if protocol.floating else COARSE, self.region, gains,
         )  # fmt: skip
@@ -334,10 +334,10 @@ def search_symmetry(search: GraspSearch) -> ObjectSymmetry:
     """Turns of the object that make a grasp no other one, where the hand grasps it. At a table's edge there are none;
     in the air a ball has no way up."""
     scenario, protocol = search.scenario, load_protocol(search.scenario.protocol)
-    placed = make_stage(scenario, protocol, search.spec.side, search.folder).things[0]
+    placed = make_stage(scenario, protocol, search.spec.side, search.folder).objects[0]
     found = object_symmetry(placed)
     if protocol.floating:
-        return replace(found, ball=placed.thing.shape == "sphere")
+        return replace(found, ball=placed.grasp_object.shape == "sphere")
     if scenario.edge is not None:
         return ObjectSymmetry(found.centre if scenario.push is None else pushed_to(scenario.push, found.centre))
     return found

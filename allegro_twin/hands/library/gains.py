@@ -33,9 +33,9 @@ def _table(spec: HandSpec) -> tuple[str, Mapping[str, Any]]:
     return f"{card}: gains", card_gains(card)
 
 
-def protocol_gains(asked: str | None, spec: HandSpec) -> str:
+def protocol_gains(requested: str | None, spec: HandSpec) -> str:
     """The name of the gains of a protocol; a hand that closes its own loop keeps its own."""
-    return asked if asked is not None and "torque" in spec.commands else "default"
+    return requested if requested is not None and "torque" in spec.commands else "default"
 
 
 def load_gains(name: str, spec: HandSpec) -> Gains:

@@ -120,15 +120,15 @@ class EpisodeEngine:
         self._substeps = substeps(settings.period, settings.timestep)
         self.task = make_task(task, settings, n, threads)
         self.worlds = self.task.worlds
-        if self.task.thing is None:
+        if self.task.object_body is None:
             check_without_object(settings.randomise, self.task.name)
-        self._physics = PhysicsRandomiser(self.worlds, self.task.thing)
+        self._physics = PhysicsRandomiser(self.worlds, self.task.object_body)
         known = self.task.posterior
         self._drive = None if known is None else RandomDrive(known, self.worlds, settings.period)
         self._sensing = SignalModel(settings.randomise, self.worlds, self._drive)
         self._drawn: dict[str, Array] = {}
         self._touch = ExternalTorque(settings.randomise, self.worlds) if settings.touch else None
-        self._state = PrivilegedState(self.worlds, self.task.thing) if settings.state else None
+        self._state = PrivilegedState(self.worlds, self.task.object_body) if settings.state else None
         self.n_state = 0 if self._state is None else self._state.size
         """Numbers of the privileged state; 0 without."""
         self.pictures = _picture_sensor(settings, self.worlds) if settings.observe else None
@@ -284,7 +284,7 @@ class EpisodeEngine:
     def outcome(self, action: Array, observation: Observation) -> tuple[StepOutcome, Flags]:
         """Outcome of the last step, for actions from `clip_actions`; and which simulations have diverged: those have
         failed, whatever they show. Raises ConfigError for a task whose outcome is none."""
-        xp, thing = self.worlds.xp, self.task.thing
+        xp, object_body = self.worlds.xp, self.task.object_body
         outcome = self.task.outcome(self.memory.tick, action, observation)
         _check_outcome(outcome, self.task.name, self.n)
         for term, factor in self.task.settings.reward.items():
@@ -292,7 +292,7 @@ class EpisodeEngine:
                 raise ConfigError(f"{self.task.name} reports no {term} to weigh: name its own terms in reward_terms")
             more = factor - self.task.reward_terms[term]
             outcome = outcome._replace(reward=outcome.reward + more * outcome.terms[term])
-        moving = [self.worlds.position] if thing is None else [self.worlds.position, thing.pose]
+        moving = [self.worlds.position] if object_body is None else [self.worlds.position, object_body.pose]
         if all(map(_finite, moving)):
             diverged = xp.zeros(self.n, bool)
         else:

@@ -15,7 +15,7 @@ from allegro_twin.errors import CommandError, HandFault
 from allegro_twin.learning.environments.engine import EpisodeEngine
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.policy.interface import Observation
-from allegro_twin.learning.tasks.scenes import THING
+from allegro_twin.learning.tasks.scenes import OBJECT
 from allegro_twin.sim.model.appearance import scene_appearance
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Command, HandState, Vector, frozen
@@ -175,16 +175,16 @@ class EpisodeScene:
         self._scene = self._task.worlds.snapshot(0)
         self._palm = self._scene.model.body(episode.spec.root).id
         self._moves = bool(self._scene.model.body_weldid[self._palm])
-        things = () if self._task.thing is None else (THING,)
-        self.appearance: Mapping[str, Any] = scene_appearance(self._scene.model, episode.spec, things)
+        object_names = () if self._task.object_body is None else (OBJECT,)
+        self.appearance: Mapping[str, Any] = scene_appearance(self._scene.model, episode.spec, object_names)
         """As the metadata of a recording have it."""
 
     def poses(self) -> dict[str, Vector]:
         """`palm`, `object` where there is one, and `object_goal`, beside the hand, where its goal is an orientation:
         position, m, and quaternion w x y z, in the world, (7,) each."""
         found = {"palm": self.palm_pose()}
-        if self._task.thing is not None:
-            found["object"] = self._task.thing.pose[0].copy()
+        if self._task.object_body is not None:
+            found["object"] = self._task.object_body.pose[0].copy()
         if self._task.goal_is_orientation:
             found["object_goal"] = np.array(self._task.marks(0)[0].pose)
         return found

@@ -79,7 +79,7 @@ def load_object(choice: ObjectChoice) -> GraspObject:
     if isinstance(choice, OwnObject) and choice.like is None:
         choice = choice.model_copy(update={"like": "rubiks_cube"})
     scenario, folder = scenario_of(choice, object_scenarios())
-    return make_stage(scenario, load_protocol(scenario.protocol), "right", folder).things[0].thing
+    return make_stage(scenario, load_protocol(scenario.protocol), "right", folder).objects[0].grasp_object
 
 
 def _is_scenario(choice: str) -> bool:

@@ -169,14 +169,14 @@ class PrivilegedState:
     0.5 m/s), angular velocity (by 5 rad/s), and `FACTORS`.
     """
 
-    def __init__(self, worlds: SharedModelBatch, thing: FreeBody | None) -> None:
-        self._worlds, self._thing = worlds, thing
+    def __init__(self, worlds: SharedModelBatch, object_body: FreeBody | None) -> None:
+        self._worlds, self._object_body = worlds, object_body
         spec, self._xp = worlds.spec, worlds.xp
         place = worlds.xp.asarray
         self._middle, self._half = place((spec.lower + spec.upper) / 2), place((spec.upper - spec.lower) / 2)
         self._limit = place(spec.actuation.torque_limit)
         self._factors = place(np.tile([_USUAL[name] for name in FACTORS], (worlds.n, 1)))
-        self.size = 4 * spec.n_joints + (0 if thing is None else 13 + len(FACTORS))
+        self.size = 4 * spec.n_joints + (0 if object_body is None else 13 + len(FACTORS))
         """Numbers per hand."""
 
     def begin(self, rows: Rows, values: dict[str, Array]) -> None:
@@ -198,9 +198,9 @@ class PrivilegedState:
             xp.where(begun, worlds.applied_torque, 0.0) / self._limit,
             xp.where(begun, worlds.external_torque, 0.0) / self._limit,
         ]
-        if (thing := self._thing) is not None:
-            pose, spin = thing.pose, rotate_vectors(thing.pose[:, 3:], thing.spin)
-            parts += [pose[:, :3] / _PLACE, pose[:, 3:], thing.velocity / _FAST, spin / _SPINS, self._factors]
+        if (object_body := self._object_body) is not None:
+            pose, spin = object_body.pose, rotate_vectors(object_body.pose[:, 3:], object_body.spin)
+            parts += [pose[:, :3] / _PLACE, pose[:, 3:], object_body.velocity / _FAST, spin / _SPINS, self._factors]
         whole = xp.clip(xp.nan_to_num(xp.concatenate(parts, axis=-1)), -BOUND, BOUND)
         return xp.asarray(whole, np.float32)  # type: ignore[no-any-return]
 

@@ -84,7 +84,7 @@ class ValueSpread(NamedTuple):
     centre: Vector
     half: Vector
     """Half of the 95 % interval where it is determined, else the half-width of a uniform range."""
-    determined: NDArray[np.bool_]
+    identifiable: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -228,7 +228,7 @@ def _mixing(
                 f"what is below the diagonal for {len(told)} values, not {given!r}"
             )
         whole[below] = numbers
-        sure = np.array([spreads[name].determined[joint] for name in names])
+        sure = np.array([spreads[name].identifiable[joint] for name in names])
         own = np.where(np.outer(sure, sure), (whole + whole.T)[np.ix_(at, at)], 0.0)
         found[joint] = _factor(own + np.eye(m))
     return names, found
@@ -304,7 +304,7 @@ class RandomDrive:
         self._own, self._key = xp.arange(n), xp.zeros(n, np.uint64)
         self._offset, self._late = xp.zeros((n, joints)), xp.zeros((n, 1))
         late = posterior.spreads["delay"]
-        self._longest = float((late.centre + np.where(late.determined, 5.0 / NORMAL, 1.0) * late.half)[0])
+        self._longest = float((late.centre + np.where(late.identifiable, 5.0 / NORMAL, 1.0) * late.half)[0])
         """s; five standard deviations."""
         self._past = xp.zeros((math.ceil(self._longest / period) + 2, n, joints))
         self._strength, self._dry = xp.ones((n, joints)), xp.zeros((n, joints))
@@ -400,7 +400,7 @@ class RandomDrive:
             numbers[name], normal[name] = both[:, :size], _normal(both[:, :size], both[:, size:])
         normal |= self._mixed(normal)
         for name, spread in self._known.items():
-            value = spread.centre + spread.half * xp.where(spread.determined, normal[name] / NORMAL, numbers[name])
+            value = spread.centre + spread.half * xp.where(spread.identifiable, normal[name] / NORMAL, numbers[name])
             least = _LEAST * spread.centre if name in ("strength", "armature") else 0.0 * spread.centre
             value = value if name in _SIGNED else xp.maximum(value, least)
             if name in _PER_PWM:

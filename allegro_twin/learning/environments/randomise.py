@@ -201,16 +201,16 @@ def draw_values(settings: Randomise, draws: Draws) -> dict[str, Array]:
 class PhysicsRandomiser:
     """Writes randomised values into the models of the simulations."""
 
-    def __init__(self, worlds: SharedModelBatch, thing: FreeBody | None) -> None:
-        self._worlds, self._thing = worlds, thing
+    def __init__(self, worlds: SharedModelBatch, object_body: FreeBody | None) -> None:
+        self._worlds, self._object_body = worlds, object_body
         self._dofs = worlds.xp.asarray(worlds.dofs)
         self._loss = worlds.xp.asarray(worlds.model.dof_damping[worlds.dofs])
 
     def sizes(self, variant: Rows, factor: Array) -> Array:
         """Possible size factors, (m,), for simulations of these variants: a mesh keeps its size."""
-        if self._thing is None:
+        if self._object_body is None:
             return factor
-        return self._worlds.xp.where(self._worlds.meshes(self._thing)[variant], 1.0, factor)  # type: ignore[no-any-return]
+        return self._worlds.xp.where(self._worlds.meshes(self._object_body)[variant], 1.0, factor)  # type: ignore[no-any-return]
 
     def apply(self, rows: Rows, values: dict[str, Array]) -> None:
         """`values` from `draw_values`, shape (m,) each; for simulations that have just chosen their variant."""
@@ -221,20 +221,20 @@ class PhysicsRandomiser:
             self._worlds.derive(rows)
 
     def _mass(self, rows: Rows, factor: Array) -> None:
-        if self._thing is not None:
-            self._worlds.expand("body_mass")[rows, self._thing.id] *= factor
-            self._worlds.expand("body_inertia")[rows, self._thing.id] *= factor[:, None]
+        if self._object_body is not None:
+            self._worlds.expand("body_mass")[rows, self._object_body.id] *= factor
+            self._worlds.expand("body_inertia")[rows, self._object_body.id] *= factor[:, None]
 
     def _size(self, rows: Rows, factor: Array) -> None:
         """The mass stays the same."""
-        if self._thing is None:
+        if self._object_body is None:
             return
-        geoms = self._thing.geoms
+        geoms = self._object_body.geoms
         self._worlds.expand("geom_size")[rows, geoms] *= factor[:, None, None]
         self._worlds.expand("geom_rbound")[rows, geoms] *= factor[:, None]
         self._worlds.expand("geom_aabb")[rows, geoms] *= factor[:, None, None]
-        self._worlds.expand("bvh_aabb")[rows, self._thing.boxes] *= factor[:, None, None]
-        self._worlds.expand("body_inertia")[rows, self._thing.id] *= factor[:, None] ** 2
+        self._worlds.expand("bvh_aabb")[rows, self._object_body.boxes] *= factor[:, None, None]
+        self._worlds.expand("body_inertia")[rows, self._object_body.id] *= factor[:, None] ** 2
 
     def _friction(self, rows: Rows, friction: Array) -> None:
         self._worlds.expand("geom_friction")[rows, :, 0] = friction[:, None]

@@ -85,13 +85,13 @@ def with_episode_length(spec: EnvSpec | None, limit: int) -> EnvSpec | None:
     return found
 
 
-def episode_length(asked: int | None, usual: int) -> int:
+def episode_length(requested: int | None, usual: int) -> int:
     """Actions of an episode: as the task says, or fewer. Raises ConfigError."""
-    if asked is None or asked == -1:  # Gymnasium's word for no limit of one's own.
+    if requested is None or requested == -1:  # Gymnasium's word for no limit of one's own.
         return usual
-    if not isinstance(asked, int | np.integer) or isinstance(asked, bool) or asked < 1:
-        raise ConfigError(f"max_episode_steps is a whole number from 1 on, not {asked!r}; an episode has {usual}")
-    if asked > usual:
-        raise ConfigError(f"max_episode_steps is {asked}, and an episode of this task ends after {usual} actions: give "
-                          "fewer, or leave it out")  # fmt: skip
-    return int(asked)
+    if not isinstance(requested, int | np.integer) or isinstance(requested, bool) or requested < 1:
+        raise ConfigError(f"max_episode_steps is a whole number from 1 on, not {requested!r}; an episode has {usual}")
+    if requested > usual:
+        raise ConfigError(f"max_episode_steps is {requested}, and an episode of this task ends after {usual} actions: "
+                          "give fewer, or leave it out")  # fmt: skip
+    return int(requested)

@@ -24,7 +24,7 @@ class PlanCosts:
     def __init__(self, settings: CostSettings, engine: EpisodeEngine, place: str = "") -> None:
         self.settings, self._engine = settings, engine
         task, spec = engine.task, engine.task.spec
-        for name in _OBJECT if task.thing is None else ():
+        for name in _OBJECT if task.object_body is None else ():
             if getattr(settings, name) > 0:
                 raise ConfigError(f"{place}costs.{name} is for tasks with an object, and {task.name} has none: leave "
                                   "it out")  # fmt: skip
@@ -58,13 +58,13 @@ class PlanCosts:
         if chosen.effort > 0:
             torque = worlds.applied_torque / task.spec.actuation.torque_limit
             found += chosen.effort * (torque * torque).mean(axis=-1)
-        if task.thing is None:
+        if task.object_body is None:
             return found
         if chosen.place > 0:
-            gone = (task.thing.pose[:, :3] - self._place) / chosen.far
+            gone = (task.object_body.pose[:, :3] - self._place) / chosen.far
             found += chosen.place * (gone * gone).sum(axis=-1)
         if chosen.lean > 0:
-            up = rotate_vectors(task.thing.pose[:, 3:], np.broadcast_to(self._axis, (worlds.n, 3)))
+            up = rotate_vectors(task.object_body.pose[:, 3:], np.broadcast_to(self._axis, (worlds.n, 3)))
             found += chosen.lean * (1.0 - up[:, 2])
         if chosen.grip > 0:
             assert isinstance(task, InHandTask)

@@ -97,7 +97,7 @@ class ObservedEpisode:
         if own.interface.scripts is not None:
             raise ConfigError(f"{own.name} has a script and brings its object by itself: a model cannot follow it from "
                               "outside; use allegro-twin mpc, or a task without a script")  # fmt: skip
-        if own.thing is not None and poses is None:
+        if own.object_body is not None and poses is None:
             raise ConfigError(f"{own.name} has an object, and this hand comes with no pose of one: use a simulated or "
                               "virtual hand, or Reach")  # fmt: skip
 
@@ -143,6 +143,7 @@ class ObservedEpisode:
             velocity[...] = np.nan_to_num(state.velocity)
         if self.goal is not None and (known := task.goal()) is not None:
             known[0] = self.goal
-        if task.thing is not None and self.poses is not None:
+        if task.object_body is not None and self.poses is not None:
             pose, motion = self.poses.now(state.t)
-            task.thing.pose[0], task.thing.velocity[0], task.thing.spin[0] = pose, motion[:3], motion[3:]
+            body = task.object_body
+            body.pose[0], body.velocity[0], body.spin[0] = pose, motion[:3], motion[3:]

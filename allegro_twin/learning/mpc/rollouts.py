@@ -51,11 +51,11 @@ class Rollouts:
     def begin(self, state: EpisodeState) -> None:
         """A new episode, from its first state."""
         self._spread(state)
-        thing = self.engine.task.thing
+        object_body = self.engine.task.object_body
         self._home = np.array(self.engine.memory.end[0])
-        self.costs.begin(self.engine.worlds.position[0], None if thing is None else thing.pose[0])
+        self.costs.begin(self.engine.worlds.position[0], None if object_body is None else object_body.pose[0])
 
-    def way_back(self, state: EpisodeState, decisions: int) -> Array:
+    def return_action(self, state: EpisodeState, decisions: int) -> Array:
         """The action that brings each joint's set-point back to the beginning's in so many decisions, (joints,)."""
         interface = self.engine.task.interface
         if interface.mode != "delta":

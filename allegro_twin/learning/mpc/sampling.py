@@ -126,7 +126,7 @@ class SamplingMpc:
 
     def _steps_back(self, state: EpisodeState) -> Array:
         """Knots that bring one finger back within half of the horizon, (fingers, knots, joints)."""
-        action = self._rollouts.way_back(state, max(self.decisions // 2, 1))
+        action = self._rollouts.return_action(state, max(self.decisions // 2, 1))
         found: Array = np.zeros((len(self._fingers), *self._mean.shape))
         for row, joints in enumerate(self._fingers):
             found[row][: (self.settings.knots + 1) // 2, joints] = action[joints]

@@ -149,7 +149,7 @@ class PolicyCard(Settings):
 def check_card(
     card: PolicyCard,
     task: PolicyCard,
-    way_out: str = "give the recipe that it was trained with",
+    remedy: str = "give the recipe that it was trained with",
     who: str = "the policy",
 ) -> None:
     """Raise ConfigError unless a policy's card is one that this task would write, for any objects."""
@@ -158,7 +158,7 @@ def check_card(
             continue
         if getattr(card, name) != getattr(task, name):
             raise ConfigError(
-                f"{who} has {name} {getattr(card, name)}, these environments have {getattr(task, name)}: {way_out}"
+                f"{who} has {name} {getattr(card, name)}, these environments have {getattr(task, name)}: {remedy}"
             )
 
 

@@ -273,16 +273,16 @@ class Interface:
         )
 
     def act(
-        self, action: NDArray[np.floating[Any]], memory: InterfaceMemory, seen: Floats | None = None
+        self, action: NDArray[np.floating[Any]], memory: InterfaceMemory, observation: Floats | None = None
     ) -> InterfaceMemory:
-        """Take a decision: returns the memory until the next. `action` is clipped to [-1, 1], shape (..., n). `seen`:
-        the observation of this decision, without goals; needed with a history."""
+        """Take a decision: returns the memory until the next. `action` is clipped to [-1, 1], shape (..., n).
+        `observation`: of this decision, without goals; needed with a history."""
         xp, own = self.xp, self._constants(memory.end.ndim)
         clipped = _clip(xp, xp.asarray(action, np.float64), -1.0, 1.0)
         begin, end, push, tick, script, past = memory
         if self.history > 1:
-            assert seen is not None
-            past = xp.concatenate([seen[..., : self.frame], past], axis=-1)[..., : past.shape[-1]]
+            assert observation is not None
+            past = xp.concatenate([observation[..., : self.frame], past], axis=-1)[..., : past.shape[-1]]
         match self.mode:
             case "torque":
                 return InterfaceMemory(begin, end, clipped * own.limit, tick, script, past)

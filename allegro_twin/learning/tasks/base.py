@@ -83,7 +83,7 @@ class Task(ABC):
     """Goals are orientations, quaternions w, x, y, z."""
     farthest: float = 0.0
     """Largest distance of new goals, rad, where a task has such."""
-    thing: FreeBody | None = None
+    object_body: FreeBody | None = None
     """The object, where there is one."""
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
@@ -148,8 +148,8 @@ class Task(ABC):
     def outcome(self, tick: Ticks, action: Array, observation: Observation) -> StepOutcome:
         """Outcome of the step that ended at `tick`. `action`: as it was taken, shape (n, joints).
 
-        It follows from the simulation's own state (`worlds`, `thing`). `observation` is what the policy sees, with
-        noise and delays of `randomise`: reward, success and failure must not depend on it (test).
+        It follows from the simulation's own state (`worlds`, `object_body`). `observation` is what the policy sees,
+        with noise and delays of `randomise`: reward, success and failure must not depend on it (test).
         """
 
     def scripts(self, rows: Rows) -> Rows:

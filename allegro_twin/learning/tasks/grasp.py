@@ -71,10 +71,10 @@ class GraspTask(ScriptedClosingTask):
 
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions) -> None:
         super().begin(rows, variant, draws, values, options)
-        assert self.thing is not None
-        self.thing.pose[rows, :3] = self._hand[rows] = self._hand_at(rows, 0 * rows)
-        self._way[rows] = self.thing.pose[rows, 3:]
-        mass = self.worlds.expand("body_mass")[rows, self.thing.id]
+        assert self.object_body is not None
+        self.object_body.pose[rows, :3] = self._hand[rows] = self._hand_at(rows, 0 * rows)
+        self._way[rows] = self.object_body.pose[rows, 3:]
+        mass = self.worlds.expand("body_mass")[rows, self.object_body.id]
         weight = mass * -self.worlds.model.opt.gravity[2]
         self.push[rows] = draws.directions() * draws.uniform(*PUSH) * weight[:, None]
         self.place[rows] = self._middles[variant]
@@ -82,7 +82,7 @@ class GraspTask(ScriptedClosingTask):
 
     def plan_surroundings(self, tick: Ticks) -> None:
         """Sets what is the same in every period of the step once."""
-        assert self.thing is not None
+        assert self.object_body is not None
         self.contacts.begin_decision()
         release, calm = self._release[self.script], CALM / self.settings.period
         first = tick - release
@@ -100,24 +100,24 @@ class GraspTask(ScriptedClosingTask):
             pushing = (going >= calm) & (going < (CALM + PUSHED) / self.settings.period)
             self._forces = self.worlds.xp.where(pushing[..., None], self.push, 0.0)
         else:
-            self.thing.force[:] = 0.0
+            self.object_body.force[:] = 0.0
 
     def move_surroundings(self, k: int) -> None:
-        assert self.thing is not None
+        assert self.object_body is not None
         if self._path is not None:
             self._hand[:] = self._path[k]
             self._holds[:] = self._holding[k]
         if self._forces is not None:
-            self.thing.force[:] = self._forces[k]
+            self.object_body.force[:] = self._forces[k]
 
     def outcome(self, tick: Ticks, action: Array, observation: Observation) -> StepOutcome:
-        assert self.thing is not None
+        assert self.object_body is not None
         going = tick - self._release[self.script]
         alone = going > 0
         just = alone & (going <= self.settings.decimation)
         xp = self.worlds.xp
-        self.place[...] = xp.where(just[:, None], self.thing.pose[:, :3], self.place)
-        drift = xp.where(alone, length(self.thing.pose[:, :3] - self.place), 0.0)
+        self.place[...] = xp.where(just[:, None], self.object_body.pose[:, :3], self.place)
+        drift = xp.where(alone, length(self.object_body.pose[:, :3] - self.place), 0.0)
         hold = xp.where(alone, xp.exp(-((drift / WIDTH) ** 2)), 0.0)
         effort = effort_cost(action)
         failed = drift > LOST

@@ -28,7 +28,7 @@ from allegro_twin.learning.policy.script import (
 from allegro_twin.learning.tasks.base import StepOutcome, Ticks
 from allegro_twin.learning.tasks.grasp import HELD, LOST, WIDTH, GraspTask
 from allegro_twin.learning.tasks.scenes import (
-    THING,
+    OBJECT,
     TaskScene,
     known_scenarios,
     palm_turn,
@@ -106,27 +106,27 @@ class HoldDisturbedTask(GraspTask):
             found = self._kept[draws.integers(len(self._kept))]
         for number in sorted({*found.tolist()} - {*self._kept.tolist()}):
             scene = self.scenes[number]
-            raise ConfigError(f"{self.name}: the grasp {scene.grasp.name} does not keep {scene.thing} even when "
+            raise ConfigError(f"{self.name}: the grasp {scene.grasp.name} does not keep {scene.object_name} even when "
                               "nothing pushes: choose another object or grasp")  # fmt: skip
         return found
 
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions) -> None:
-        assert self.thing is not None
+        assert self.object_body is not None
         self.script[rows] = variant
         self.contacts.begin(rows)
         if "wrist_tilt" in values:
             palm = self.worlds.model.body("palm_link").id
             before = np.stack([model.body_quat[palm] for model in self.worlds.models])
             turn = palm_turn(self.worlds, rows, self.worlds.xp.asarray(before)[variant])
-            self.thing.pose[rows] = turn_with_palm(self.worlds, variant, turn, self.thing.pose[rows])
-            self.thing.velocity[rows] = rotate_vectors(turn, self.thing.velocity[rows])
-        mass = self.worlds.expand("body_mass")[rows, self.thing.id]
+            self.object_body.pose[rows] = turn_with_palm(self.worlds, variant, turn, self.object_body.pose[rows])
+            self.object_body.velocity[rows] = rotate_vectors(turn, self.object_body.velocity[rows])
+        mass = self.worlds.expand("body_mass")[rows, self.object_body.id]
         self._weight[rows] = mass * -self.worlds.model.opt.gravity[2]
         self._key[rows], self._push[rows] = draws.keys(), -1
-        self.place[rows] = self.thing.pose[rows, :3]
+        self.place[rows] = self.object_body.pose[rows, :3]
 
     def plan_surroundings(self, tick: Ticks) -> None:
-        assert self.thing is not None
+        assert self.object_body is not None
         self.contacts.begin_decision()
         period = self.settings.period
         ticks = tick + self._periods
@@ -141,11 +141,11 @@ class HoldDisturbedTask(GraspTask):
         if not known or pushing.any():
             self._forces = self.worlds.xp.where(pushing[..., None], self._force, 0.0)
         else:
-            self.thing.force[:] = 0.0
+            self.object_body.force[:] = 0.0
 
     def outcome(self, tick: Ticks, action: Array, observation: Observation) -> StepOutcome:
-        assert self.thing is not None
-        drift = length(self.thing.pose[:, :3] - self.place)
+        assert self.object_body is not None
+        drift = length(self.object_body.pose[:, :3] - self.place)
         hold, effort = self.worlds.xp.exp(-((drift / WIDTH) ** 2)), effort_cost(action)
         over = tick * self.settings.period >= self.seconds - self.interface.seconds
         kept = over & (drift < HELD) & self.held()
@@ -189,10 +189,10 @@ class HoldDisturbedTask(GraspTask):
         def around(worlds: SharedModelBatch, k: int) -> None:
             hand, _, holds = worlds.presenter()
             if k == 0:
-                worlds.free_body(THING).pose[0, :3] = path[0]
+                worlds.free_body(OBJECT).pose[0, :3] = path[0]
             hand[0], holds[0] = path[min(k, len(path) - 1)], k < release
             if k in (release, last - 1):
-                positions.append(np.array(worlds.free_body(THING).pose[0, :3]))
+                positions.append(np.array(worlds.free_body(OBJECT).pose[0, :3]))
 
         script = sample_script(closing_moves(scene.grasp, self.wait, self.squeeze), scene.grasp.preshape, last, period)
         self.worlds.keep_start(number, play_script(self.spec, scene.model, self.gains, script, self.settings, around))

@@ -19,7 +19,7 @@ from allegro_twin.learning.environments.settings import EnvSettings, ResetOption
 from allegro_twin.learning.tasks.base import Flags, Task, Ticks
 from allegro_twin.learning.tasks.scenes import (
     FACING,
-    THING,
+    OBJECT,
     add_variant,
     make_worlds,
     not_one_environment,
@@ -59,10 +59,13 @@ class ObjectShapes:
     """Shapes of objects, on the device of the simulations: kind, half-sizes, (k, 3), m, and for meshes the vertices,
     (k, vertices, 3), m."""
 
-    def __init__(self, things: Sequence[GraspObject], xp: Any) -> None:
-        self.kind = xp.asarray(np.array([_KINDS[thing.shape] for thing in things]), np.int64)
-        self.half = xp.asarray(np.stack([thing.half_extents() for thing in things]))
-        vertices = [thing.mesh().vertices if thing.shape == "mesh" else np.zeros((1, 3)) for thing in things]
+    def __init__(self, objects: Sequence[GraspObject], xp: Any) -> None:
+        self.kind = xp.asarray(np.array([_KINDS[grasp_object.shape] for grasp_object in objects]), np.int64)
+        self.half = xp.asarray(np.stack([grasp_object.half_extents() for grasp_object in objects]))
+        vertices = [
+            grasp_object.mesh().vertices if grasp_object.shape == "mesh" else np.zeros((1, 3))
+            for grasp_object in objects
+        ]
         most = max(map(len, vertices))
         padded = [np.concatenate([each, np.repeat(each[:1], most - len(each), axis=0)]) for each in vertices]
         self.vertices = xp.asarray(np.stack(padded)) if most > 1 else None
@@ -128,7 +131,7 @@ class InHandTask(Task):
                               "fingertips: palm: forbidden")  # fmt: skip
         self.n_privileged = 13 if settings.observation == "full" else 0
         self._held: list[StartStates] = []
-        self._things: list[catalogue.GraspObject] = []
+        self._objects: list[catalogue.GraspObject] = []
         self._names: list[str] = []
         self._table: StartStates | None = None
         self._shapes: ObjectShapes
@@ -140,15 +143,15 @@ class InHandTask(Task):
         usual = (self.in_fingertips if self.spec.model == HAND else OF_OTHERS) if self._palm_ends else OF_PALM
         chosen = settings.objects or usual
         self._n_choices = len(chosen)
-        things = [in_hand_object(choice) for choice in chosen]
-        for thing in things:  # Before the first search, which takes its time.
-            _check_together(thing, things[0])
-        for thing in things:
-            self._add_object(thing, n, threads)
+        objects = [in_hand_object(choice) for choice in chosen]
+        for grasp_object in objects:  # Before the first search, which takes its time.
+            _check_together(grasp_object, objects[0])
+        for grasp_object in objects:
+            self._add_object(grasp_object, n, threads)
         self.interface = self._interface(step=self.step)
         self._lower, self._upper = (self.worlds.xp.asarray(limit) for limit in (self.spec.lower, self.spec.upper))
-        self.thing = self.worlds.free_body(THING)
-        self.camera = ObjectCamera(settings.randomise, self.thing, settings.decimation)
+        self.object_body = self.worlds.free_body(OBJECT)
+        self.camera = ObjectCamera(settings.randomise, self.object_body, settings.decimation)
         xp = self.worlds.xp
         self.place = xp.zeros((n, 3))
         """Position of the object at the beginning, m, world."""
@@ -190,7 +193,7 @@ class InHandTask(Task):
         values["size"] = table.size[variant, state]
 
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions) -> None:
-        assert self.thing is not None
+        assert self.object_body is not None
         table, state = self._states(), self._state[rows]
         position, target, pose = (part[variant, state] for part in (table.position, table.target, table.pose))
         noise = draws.uniform(-NOISE_JOINT, NOISE_JOINT, self.spec.n_joints)
@@ -201,7 +204,7 @@ class InHandTask(Task):
             turn = palm_turn(self.worlds, rows, self._facing)
             pose = turn_with_palm(self.worlds, variant, turn, pose)
             self._normal[rows] = rotate_vectors(turn, 0.0 * pose[:, :3] + self._upward)
-        self.thing.pose[rows] = pose
+        self.object_body.pose[rows] = pose
         self.kind[rows], self.start[rows], self.place[rows] = variant, target, pose[:, :3]
         self._factor[rows], self._low[rows] = values["size"], 0.0
         self.contacts.begin(rows)
@@ -217,18 +220,18 @@ class InHandTask(Task):
     def privileged_observation(self, tick: Ticks) -> Array | None:
         return self.encode_object(self.shown) if self.n_privileged else None
 
-    def encode_object(self, seen: ObjectObservation) -> Array:
+    def encode_object(self, observation: ObjectObservation) -> Array:
         """The object's shift from where it began, in 5 cm; the direction of its own z axis, two numbers; cosine and
         sine of four times its yaw, since a quarter turn looks the same; its velocity and angular velocity. All in world
         axes."""
-        w, x, y, z = (seen.quaternion[:, k] for k in range(4))
+        w, x, y, z = (observation.quaternion[:, k] for k in range(4))
         xp = self.worlds.xp
         yaw = 4.0 * xp.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
         found: Array = xp.zeros((self.n, 13))
-        found[:, :3] = (seen.position - self.place) / 0.05
+        found[:, :3] = (observation.position - self.place) / 0.05
         found[:, 3], found[:, 4] = 2 * (x * z + w * y), 2 * (y * z - w * x)
         found[:, 5], found[:, 6] = xp.cos(yaw), xp.sin(yaw)
-        found[:, 7:10], found[:, 10:] = seen.velocity / FAST, seen.spin / SPINS
+        found[:, 7:10], found[:, 10:] = observation.velocity / FAST, observation.spin / SPINS
         return found
 
     def live_arrays(self) -> dict[str, NDArray[Any]]:
@@ -254,19 +257,19 @@ class InHandTask(Task):
     def lost(self) -> Flags:
         """Who has lost the object: it is aside, or rests on what must not touch it. Call once per decision, and before
         `palm_terms`."""
-        assert self.thing is not None
+        assert self.object_body is not None
         self.contacts.add_period()
         self.contacts.count()
-        aside: Flags = length(self.thing.pose[:, :3] - self.place) > ASIDE
+        aside: Flags = length(self.object_body.pose[:, :3] - self.place) > ASIDE
         return aside | (self.contacts.touching("palm") > 0) if self._palm_ends else aside
 
     def palm_terms(self, tick: Ticks) -> dict[str, Array]:
         """Height of the object's lowest point above the palm's surface, m (`clearance`), the share of decisions since
         the reset at which it was less than `ON_PALM` (`on_palm`), and shares of the contact force since the reset
         (`by_tips`, `by_middle`, `by_palm`), (n,) each. Call once per decision."""
-        assert self.thing is not None
+        assert self.object_body is not None
         xp = self.worlds.xp
-        over = palm_clearance(self.thing.pose, self._shapes, self.kind, self._factor, self._normal, self._palm)
+        over = palm_clearance(self.object_body.pose, self._shapes, self.kind, self._factor, self._normal, self._palm)
         self._low += (over < ON_PALM) & (tick > 0)
         decisions = xp.maximum(xp.asarray(tick // self.settings.decimation, np.float64), 1.0)
         shares = {f"by_{name}": share for name, share in self.contacts.shares().items()}
@@ -281,35 +284,35 @@ class InHandTask(Task):
                                   "episode takes one near what is asked for")  # fmt: skip
 
     def add_object(self, choice: ObjectChoice, grasp: str | None) -> None:
-        thing = in_hand_object(choice)
-        _check_together(thing, self._things[0])
-        self._add_object(thing, self.n, 1)
+        grasp_object = in_hand_object(choice)
+        _check_together(grasp_object, self._objects[0])
+        self._add_object(grasp_object, self.n, 1)
         self.added.append((choice, grasp))
 
-    def _add_object(self, thing: catalogue.GraspObject, n: int, threads: int) -> None:
+    def _add_object(self, grasp_object: catalogue.GraspObject, n: int, threads: int) -> None:
         """Add an object with its start states. Raises ConfigError for one that is too large."""
-        longest = 2 * thing.half_extents().max()
+        longest = 2 * grasp_object.half_extents().max()
         if longest > LARGEST:
             raise ConfigError(
-                f"{thing.name} is too large for {self.name}: {longest * 1000:.0f} mm long; "
+                f"{grasp_object.name} is too large for {self.name}: {longest * 1000:.0f} mm long; "
                 f"at most {LARGEST * 1000:.0f} mm can be"
             )
         search: Search = CRADLE if self.settings.grip == "cradle" else FINGERTIPS
         kind = (search, TEST if self.settings.starts == "test" else TRAIN) if self._palm_ends else (ANYHOW, ALL)
         self._sizes = kind[1].sizes
-        states = load_start_states(thing, self.settings.side, *kind, self.spec.model_reference)
+        states = load_start_states(grasp_object, self.settings.side, *kind, self.spec.model_reference)
         # On a device all simulations have geoms of the same types.
-        mixed = self.settings.device != "cpu" and self._n_choices > 1 and thing.shape in catalogue.SIZES_OF_KIND
-        model = upturned_model(self.spec, thing, (0.0, 0.0, 0.1), self.settings, every_shape=mixed)
+        mixed = self.settings.device != "cpu" and self._n_choices > 1 and grasp_object.shape in catalogue.SIZES_OF_KIND
+        model = upturned_model(self.spec, grasp_object, (0.0, 0.0, 0.1), self.settings, every_shape=mixed)
         if self._names:
-            add_variant(self.worlds, model, thing.name, self._names[0])
+            add_variant(self.worlds, model, grasp_object.name, self._names[0])
         else:
             self.worlds = make_worlds(self.spec, model, n, threads, self.settings)
         self._held.append(states)
         self._table = None
-        self._things.append(thing)
-        self._names.append(thing.name)
-        self._shapes = ObjectShapes(self._things, self.worlds.xp)
+        self._objects.append(grasp_object)
+        self._names.append(grasp_object.name)
+        self._shapes = ObjectShapes(self._objects, self.worlds.xp)
 
     def _states(self) -> StartStates:
         """Start states of all objects in one table, (objects, states, …). Missing states have infinite size."""
@@ -328,11 +331,11 @@ class InHandTask(Task):
         return self._table
 
 
-def _check_together(thing: catalogue.GraspObject, first: catalogue.GraspObject) -> None:
+def _check_together(grasp_object: catalogue.GraspObject, first: catalogue.GraspObject) -> None:
     """Raises ConfigError for a mesh beside something else."""
-    shapes = {(each.shape, each.file, each.scale, each.collision) for each in (first, thing)}
+    shapes = {(each.shape, each.file, each.scale, each.collision) for each in (first, grasp_object)}
     if len(shapes) > 1 and any(shape == "mesh" for shape, *_ in shapes):
-        raise not_one_environment(thing.name, first.name, "scenes of one batch share their meshes")
+        raise not_one_environment(grasp_object.name, first.name, "scenes of one batch share their meshes")
 
 
 def in_hand_object(choice: ObjectChoice) -> catalogue.GraspObject:

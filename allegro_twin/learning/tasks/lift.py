@@ -84,11 +84,11 @@ class LiftTask(ScriptedClosingTask):
 
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions) -> None:
         super().begin(rows, variant, draws, values, options)
-        assert self.thing is not None
+        assert self.object_body is not None
         self.offset[rows, 2] = 0.0
-        self.thing.pose[rows, :3] += self.offset[rows]
-        self.thing.pose[rows, 2] = self._heights[variant] * values.get("size", 1.0)
-        self.place[rows] = self.thing.pose[rows, :3]
+        self.object_body.pose[rows, :3] += self.offset[rows]
+        self.object_body.pose[rows, 2] = self._heights[variant] * values.get("size", 1.0)
+        self.place[rows] = self.object_body.pose[rows, :3]
 
     def plan_surroundings(self, tick: Ticks) -> None:
         self.contacts.begin_decision()
@@ -102,9 +102,9 @@ class LiftTask(ScriptedClosingTask):
         return super().live_arrays() | {"place": self.place}
 
     def outcome(self, tick: Ticks, action: Array, observation: Observation) -> StepOutcome:
-        assert self.thing is not None
+        assert self.object_body is not None
         up, period = self._up[self.script], self.settings.period
-        moved = self.thing.pose[:, :3] - self.place
+        moved = self.object_body.pose[:, :3] - self.place
         xp = self.worlds.xp
         rise = xp.where(tick > up, xp.minimum(xp.maximum(moved[:, 2] / HEIGHT, 0.0), 1.0), 0.0)
         shoved = length(moved * self._level)

@@ -71,8 +71,8 @@ class ReorientTask(InHandTask):
 
     def marks(self, row: int) -> list[Mark]:
         """The object in its goal orientation, beside the hand."""
-        assert self.thing is not None
-        size = to_numpy(self.worlds.expand("geom_size")[row, self.thing.geoms.start])
+        assert self.object_body is not None
+        size = to_numpy(self.worlds.expand("geom_size")[row, self.object_body.geoms.start])
         pose = np.concatenate([to_numpy(self.place[row]) + BESIDE, to_numpy(self._goal[row])])
         kind = "box" if size.min() > 0 else "sphere"
         return [Mark(kind, np.array(size), pose, material="object_look")]
@@ -92,9 +92,9 @@ class ReorientTask(InHandTask):
         return self.shown.quaternion
 
     def outcome(self, tick: Ticks, action: Array, observation: Observation) -> StepOutcome:
-        assert self.thing is not None
+        assert self.object_body is not None
         # In the precision of observations: without noise `compute_reward` of an observation is the reward to the bit.
-        angle = _angle(self.worlds.xp.asarray(self.thing.pose[:, 3:], np.float32), self._goal)
+        angle = _angle(self.worlds.xp.asarray(self.object_body.pose[:, 3:], np.float32), self._goal)
         lost = self.lost()
         held = self.contacts.in_contact() & ~lost
         there = (angle < REACHED) & held
@@ -125,12 +125,12 @@ class ReorientTask(InHandTask):
 
     def _draw_goals(self, rows: Rows) -> None:
         """New goals, from the present orientations: each simulation's own numbers, the same in every batch."""
-        assert self.thing is not None
+        assert self.object_body is not None
         xp = self.worlds.xp
         even = (jitter(self._key[rows], self.reached[rows], 10, 3) + 1.0) / 2.0
         z, around, far = (even[:, k] for k in range(3))
         angle = NEAREST + (self.farthest - NEAREST) * far
-        here = self.thing.pose[rows, 3:]
+        here = self.object_body.pose[rows, 3:]
         if self.settings.goals == "yaw":
             axis = xp.stack([0.0 * z, 0.0 * z, xp.where(z < 0.5, -1.0, 1.0)], axis=-1)
             half = twist(here) / 2.0  # Upright, however the object leans.

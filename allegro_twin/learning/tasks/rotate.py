@@ -51,8 +51,8 @@ class RotateTask(InHandTask):
 
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions) -> None:
         super().begin(rows, variant, draws, values, options)
-        assert self.thing is not None
-        self._before[rows] = twist(self.thing.pose[rows, 3:])
+        assert self.object_body is not None
+        self._before[rows] = twist(self.object_body.pose[rows, 3:])
         self.turned[rows] = self._farthest[rows] = 0.0
 
     def live_arrays(self) -> dict[str, NDArray[Any]]:
@@ -60,8 +60,8 @@ class RotateTask(InHandTask):
         return super().live_arrays() | own
 
     def outcome(self, tick: Ticks, action: Array, observation: Observation) -> StepOutcome:
-        assert self.thing is not None
-        xp, now = self.worlds.xp, self.thing.pose[:, 3:]
+        assert self.object_body is not None
+        xp, now = self.worlds.xp, self.object_body.pose[:, 3:]
         # The heading, not the angular velocity about z: a rocking object has one without turning.
         heading = twist(now)
         turn = self._sign * ((heading - self._before + np.pi) % (2.0 * np.pi) - np.pi)
@@ -81,7 +81,7 @@ class RotateTask(InHandTask):
         torque = xp.minimum(xp.maximum(told, -self._limit), self._limit)
         terms = {
             "speed": speed,
-            "slide": -_SLIDE * xp.minimum(length(self.thing.velocity), 1.0),
+            "slide": -_SLIDE * xp.minimum(length(self.object_body.velocity), 1.0),
             "posture": -_POSTURE * (away * away).sum(axis=-1),
             "torque": -_TORQUE * (torque * torque).sum(axis=-1),
             "work": -_WORK * xp.minimum(xp.abs(torque * self.worlds.velocity).sum(axis=-1), 10.0),

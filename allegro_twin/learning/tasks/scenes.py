@@ -31,7 +31,7 @@ from allegro_twin.types import Array, Vector
 if TYPE_CHECKING:
     import mujoco
 
-THING = "object"
+OBJECT = "object"
 """Name of every object in these scenes, so that they have the same layout."""
 _COARSE = (10.0, 10, 1e-5)  # impratio, iterations and tolerance of the solver.
 
@@ -40,7 +40,7 @@ _COARSE = (10.0, 10, 1e-5)  # impratio, iterations and tolerance of the solver.
 class TaskScene:
     """One object, the grasp for it, and where both are when the fingers close."""
 
-    thing: str
+    object_name: str
     grasp: Grasp
     model: mujoco.MjModel
     pose: Vector
@@ -112,11 +112,13 @@ def _find_scenario(choice: ObjectChoice, spec: HandSpec) -> tuple[Scenario, Stag
 def _build_scene(
     name: str, surroundings: Stage, retreat: Vector, spec: HandSpec, settings: EnvSettings, grasp: str
 ) -> TaskScene:
-    placed = surroundings.things[0]
-    obj = replace(placed, thing=replace(placed.thing, name=THING))
+    placed = surroundings.objects[0]
+    obj = replace(placed, grasp_object=replace(placed.grasp_object, name=OBJECT))
     # On a device a geom has the same type in all simulations.
-    one_layout = settings.device != "cpu" and placed.thing.shape in SIZES_OF_KIND
-    model = compile_task_scene(spec, replace(surroundings, things=[obj], every_shape=one_layout, sensed=True), settings)
+    one_layout = settings.device != "cpu" and placed.grasp_object.shape in SIZES_OF_KIND
+    model = compile_task_scene(
+        spec, replace(surroundings, objects=[obj], every_shape=one_layout, sensed=True), settings
+    )
     pose = np.concatenate([placed.position, placed.quaternion])
     return TaskScene(name, load_grasp(grasp, spec), model, pose, retreat)
 
@@ -143,7 +145,7 @@ def upturned_model(
 ) -> mujoco.MjModel:
     """Model of an object at a place (3,), m, over the upturned palm. The fingers point along the world's x, so the
     palm's x is up and its y the world's y."""
-    placed = PlacedObject(replace(obj, name=THING), place, (1.0, 0.0, 0.0, 0.0))
+    placed = PlacedObject(replace(obj, name=OBJECT), place, (1.0, 0.0, 0.0, 0.0))
     surroundings = Stage(np.zeros(3), FACING, [placed], friction=friction, every_shape=every_shape, sensed=True)
     return compile_task_scene(spec, surroundings, settings)
 

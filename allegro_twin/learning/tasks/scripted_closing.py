@@ -20,7 +20,7 @@ from allegro_twin.learning.environments.settings import EnvSettings, Level, Rese
 from allegro_twin.learning.policy.card import GraspScript
 from allegro_twin.learning.policy.script import SampledScript, closing_moves, closing_time, sample_script, script_table
 from allegro_twin.learning.tasks.base import Flags, Task
-from allegro_twin.learning.tasks.scenes import THING, TaskScene, add_variant, known_scenarios, make_worlds
+from allegro_twin.learning.tasks.scenes import OBJECT, TaskScene, add_variant, known_scenarios, make_worlds
 from allegro_twin.sim.batch.core import Rows
 from allegro_twin.sim.batch.link_contacts import LinkContacts
 from allegro_twin.sim.contact.contacts import penetration_depth
@@ -95,7 +95,7 @@ class ScriptedClosingTask(Task):
             if index == 0:
                 self.worlds = make_worlds(self.spec, scene.model, n, threads, settings)
             self._add_object(scene, choice, None)
-        self.thing = self.worlds.free_body(THING)
+        self.object_body = self.worlds.free_body(OBJECT)
         self.contacts = LinkContacts(self.worlds, within=False)
         xp = self.worlds.xp
         self.offset = xp.zeros((n, 3))
@@ -111,7 +111,7 @@ class ScriptedClosingTask(Task):
         """Penetration depth of an object of `size` times its size and the pre-shaped hand, m."""
         pose = scene.pose.copy()
         pose[:3] += self.grasp_offset(scene, size)
-        return penetration_depth(scene.model, self.spec, scene.grasp.preshape, THING, pose, size)
+        return penetration_depth(scene.model, self.spec, scene.grasp.preshape, OBJECT, pose, size)
 
     @abstractmethod
     def grasp_offset(self, scene: TaskScene, size: float) -> Vector:
@@ -130,8 +130,8 @@ class ScriptedClosingTask(Task):
         if options.object is None and options.grasp is None:
             return drawn
         chosen = None if options.object is None else self._named.get(options.object, options.object)
-        things = [chosen or self.object_choices()[number] for number in drawn.tolist()]
-        numbers = np.array([self._variant_number(choice, options.grasp) for choice in things], np.int64)
+        choices = [chosen or self.object_choices()[number] for number in drawn.tolist()]
+        numbers = np.array([self._variant_number(choice, options.grasp) for choice in choices], np.int64)
         found: Rows = self.worlds.xp.asarray(numbers)
         return found
 
@@ -152,9 +152,9 @@ class ScriptedClosingTask(Task):
         if options.posture is not None:
             start = 0.0 * start + self.worlds.xp.asarray(load_posture(options.posture, self.spec))
         self.worlds.place(rows, start)
-        assert self.thing is not None
-        self.thing.pose[rows, :3] = self._poses[variant, :3]
-        self.thing.pose[rows, 3:] = rotate_quaternion(self._poses[variant, 3:], yaw)
+        assert self.object_body is not None
+        self.object_body.pose[rows, :3] = self._poses[variant, :3]
+        self.object_body.pose[rows, 3:] = rotate_quaternion(self._poses[variant, 3:], yaw)
 
     def held(self) -> Flags:
         """Who touches the object at the last physics step, (n,): without that nothing counts as held. Call once per
@@ -175,7 +175,7 @@ class ScriptedClosingTask(Task):
     def reset_info(self, rows: Rows) -> dict[str, NDArray[np.generic]]:
         scenes = [self.scenes[number] for number in self.script[rows].tolist()]
         return {
-            "object": np.array([scene.thing for scene in scenes], dtype=object),
+            "object": np.array([scene.object_name for scene in scenes], dtype=object),
             "grasp": np.array([scene.grasp.name for scene in scenes], dtype=object),
             "position_noise": to_numpy(self.offset[rows]),
         }
@@ -210,7 +210,7 @@ class ScriptedClosingTask(Task):
         if choice not in known_scenarios(self.spec.model):  # Those of the catalogue fit their own grasps.
             self._check_fit(scene, 1.0)
         if self.scenes:
-            add_variant(self.worlds, scene.model, scene.thing, self.scenes[0].thing)
+            add_variant(self.worlds, scene.model, scene.object_name, self.scenes[0].object_name)
         self._numbers[choice, grasp] = len(self.scenes)
         self.scenes.append(scene)
         moves, period = closing_moves(scene.grasp, self.wait, self.squeeze), self.settings.period
@@ -236,6 +236,6 @@ class ScriptedClosingTask(Task):
         depth = self.overlap(scene, size)
         if depth > DEEPEST:
             raise ConfigError(
-                f"{scene.thing} at {size:g} times its size is too large for {scene.grasp.name}: it would begin "
+                f"{scene.object_name} at {size:g} times its size is too large for {scene.grasp.name}: it would begin "
                 f"{depth * 1000:.0f} mm inside the hand; at most {DEEPEST * 1000:.0f} mm can be"
             )

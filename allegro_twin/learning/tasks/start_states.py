@@ -35,7 +35,7 @@ from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaterni
 from allegro_twin.learning.environments.randomise import PhysicsRandomiser
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.tasks.base import Flags
-from allegro_twin.learning.tasks.scenes import FACING, THING, palm_height, upturned_model
+from allegro_twin.learning.tasks.scenes import FACING, OBJECT, palm_height, upturned_model
 from allegro_twin.learning.tasks.vectors import tilt
 from allegro_twin.sim.batch.core import Rows
 from allegro_twin.sim.batch.cpu import CpuBatch
@@ -224,22 +224,22 @@ class StartSet(NamedTuple):
 
 
 def try_candidates(
-    spec: HandSpec, thing: GraspObject, search: Search, wanted: StartSet, rng: np.random.Generator
+    spec: HandSpec, grasp_object: GraspObject, search: Search, wanted: StartSet, rng: np.random.Generator
 ) -> tuple[Array, Array, Array, Array]:
     """Try one batch. Returns what was held: joint positions and targets (m, joints), rad, pose (m, 7), m, and factor on
     the size (m,)."""
-    model = upturned_model(spec, thing, (0.0, 0.0, 0.2), EnvSettings(timestep=PERIOD), FRICTION)
+    model = upturned_model(spec, grasp_object, (0.0, 0.0, 0.2), EnvSettings(timestep=PERIOD), FRICTION)
     worlds, rows = CpuBatch(spec, model, AT_ONCE, 0), np.arange(AT_ONCE)
     worlds.choose(rows, np.zeros(AT_ONCE, np.int64))
-    body = worlds.free_body(THING)
+    body = worlds.free_body(OBJECT)
     physics = PhysicsRandomiser(worlds, body)
     size = physics.sizes(worlds.variant, _draw_sizes(wanted.sizes, rng))
-    sizes = 2.0 * size[:, None] * thing.half_extents()
+    sizes = 2.0 * size[:, None] * grasp_object.half_extents()
     physics.apply(rows, {"size": size})
     posture, target, place, yaw = search.tries(spec, sizes, rng)
     turned = quaternion_from_vector(yaw[:, None] * (0.0, 0.0, 1.0))
     worlds.place(rows, posture)
-    watched, going, contacts, told = place, rows, LinkContacts(worlds), _fingers(spec, worlds)
+    watched, going, contacts, command = place, rows, LinkContacts(worlds), _fingers(spec, worlds)
     for k in range(_PERIODS):
         if k < _CARRIED:
             body.pose[:, :3], body.pose[:, 3:] = place, turned
@@ -248,8 +248,8 @@ def try_candidates(
             going = _unmoved(body.pose[:, :3], place, _FALLEN)
         if k == _WATCHED:
             watched = np.array(body.pose[:, :3])
-        wish = posture + (target - posture) * min(k / _CLOSING, 1.0)
-        told(wish)
+        setpoint = posture + (target - posture) * min(k / _CLOSING, 1.0)
+        command(setpoint)
         worlds.step(None if k < _SEEN else going, 1)
         if k >= _WATCHED:
             contacts.add_period()
@@ -269,30 +269,30 @@ def _fingers(spec: HandSpec, worlds: SharedModelBatch) -> Callable[[Array], None
         return worlds.command
     gains = load_gains("default", spec)
 
-    def told(wish: Array) -> None:
-        worlds.control[...] = laws.pd(wish - worlds.position, -worlds.velocity, gains.kp, gains.kd)
+    def command(setpoint: Array) -> None:
+        worlds.control[...] = laws.pd(setpoint - worlds.position, -worlds.velocity, gains.kp, gains.kd)
 
-    return told
+    return command
 
 
-def survives_noise(spec: HandSpec, thing: GraspObject, states: StartStates, rng: np.random.Generator) -> Flags:
+def survives_noise(spec: HandSpec, grasp_object: GraspObject, states: StartStates, rng: np.random.Generator) -> Flags:
     """Whether fingertips still hold, and nothing else does, after `SHAKES` draws of an episode's own noise on each
     state, (m,)."""
     many = np.tile(np.arange(len(states.size)), SHAKES)
     rows = np.arange(len(many))
-    model = upturned_model(spec, thing, (0.0, 0.0, 0.2), EnvSettings(timestep=PERIOD), FRICTION)
+    model = upturned_model(spec, grasp_object, (0.0, 0.0, 0.2), EnvSettings(timestep=PERIOD), FRICTION)
     worlds = CpuBatch(spec, model, len(many), 0)
     worlds.choose(rows, 0 * rows)
-    body = worlds.free_body(THING)
+    body = worlds.free_body(OBJECT)
     physics = PhysicsRandomiser(worlds, body)
     physics.apply(rows, {"size": physics.sizes(worlds.variant, states.size[many])})
     place = states.pose[many, :3] + rng.uniform(-NOISE_PLACE, NOISE_PLACE, (len(many), 3))
     shaken = states.position[many] + rng.uniform(-NOISE_JOINT, NOISE_JOINT, (len(many), spec.n_joints))
     worlds.place(rows, np.clip(shaken, spec.lower, spec.upper))
     body.pose[:, :3], body.pose[:, 3:], contacts = place, states.pose[many, 3:], LinkContacts(worlds)
-    told = _fingers(spec, worlds)
+    command = _fingers(spec, worlds)
     for _ in range(_WATCHED):
-        told(states.target[many])
+        command(states.target[many])
         worlds.step(None, 1)
         contacts.add_period()
     kept = np.linalg.norm(body.pose[:, :3] - place, axis=-1) < _FALLEN
@@ -407,29 +407,29 @@ class _Found:
 
 
 def load_start_states(
-    thing: GraspObject, side: str, search: Search = ANYHOW, wanted: StartSet = ALL, model: str = HAND
+    grasp_object: GraspObject, side: str, search: Search = ANYHOW, wanted: StartSet = ALL, model: str = HAND
 ) -> StartStates:
     """Load start states from the package, or from the cache of this machine; the first use searches for some minutes,
     says so, and goes on where it was interrupted. `model`: of hand, by name or card. Raises ConfigError without a
     cache, and for a hand whose fingertips hold nothing."""
     spec = load_spec(model)
     kind = search.of(spec)
-    name = file_name(thing, kind, wanted, spec)
+    name = file_name(grasp_object, kind, wanted, spec)
     path = data_root() / "conf" / "starts" / name
     if not path.is_file():
-        path = cache_folder("starts", f"how fingertips hold a {thing.name}") / name
+        path = cache_folder("starts", f"how fingertips hold a {grasp_object.name}") / name
         if not path.is_file():
             log.warning(
                 "%s: searching for %d start states, in which the fingers of %s hold it; that takes some minutes, "
-                "happens once, and is kept in %s", thing.name, wanted.most, spec.model, path.parent
+                "happens once, and is kept in %s", grasp_object.name, wanted.most, spec.model, path.parent
             )  # fmt: skip
-            write_start_states(thing, path, kind, wanted, spec, path.with_name(f"{path.stem}.unfinished.npz"))
+            write_start_states(grasp_object, path, kind, wanted, spec, path.with_name(f"{path.stem}.unfinished.npz"))
     found = _read(path)
     return found if side == spec.side else _mirror(found, spec)
 
 
 def write_start_states(
-    thing: GraspObject,
+    grasp_object: GraspObject,
     path: Path,
     search: Search = ANYHOW,
     wanted: StartSet = ALL,
@@ -439,7 +439,7 @@ def write_start_states(
     """Search for the start states of a right hand, ours where none is given, and write them. `unfinished`: as in
     `search_start_states`. Raises RecordingError."""
     try:
-        found = search_start_states(thing, search, wanted, spec, unfinished)
+        found = search_start_states(grasp_object, search, wanted, spec, unfinished)
     except ConfigError:  # It has ended, with nothing.
         _remove(unfinished)
         raise
@@ -456,7 +456,7 @@ def _remove(file: Path | None) -> None:
 
 
 def search_start_states(
-    thing: GraspObject,
+    grasp_object: GraspObject,
     search: Search,
     wanted: StartSet = ALL,
     spec: HandSpec | None = None,
@@ -468,20 +468,20 @@ def search_start_states(
     count, spec = wanted.most, spec or load_spec(side="right")
     most, held = MOST if spec.model == HAND else OPPOSED_MOST, _Found(wanted.seed, unfinished)
     if held.batches:
-        log.warning("%s: %s are there from an interrupted search, which goes on", thing.name, held.line(count))
+        log.warning("%s: %s are there from an interrupted search, which goes on", grasp_object.name, held.line(count))
     try:
         while len(held) < count and held.batches < (most if len(held) else HOPELESS):
-            held.add(try_candidates(spec, thing, search, wanted, held.rng))
+            held.add(try_candidates(spec, grasp_object, search, wanted, held.rng))
             if (held.batches in FIRST_TOLD or held.batches % TOLD == 0) and len(held) < count:
-                log.warning("%s: %s are found", thing.name, held.line(count))
+                log.warning("%s: %s are found", grasp_object.name, held.line(count))
     except KeyboardInterrupt:
         kept = unfinished is not None and held.batches > 0
         then = "they are kept, and the next search goes on from them" if kept else "nothing is kept"
-        log.warning("%s: interrupted: %s are found; %s", thing.name, held.line(count), then)
+        log.warning("%s: interrupted: %s are found; %s", grasp_object.name, held.line(count), then)
         raise
     none = ConfigError(
-        f"no grasp of the fingertips of {spec.model} was found that holds {thing.name} above the palm: it may be too "
-        "large, too small or too heavy"
+        f"no grasp of the fingertips of {spec.model} was found that holds {grasp_object.name} above the palm: it may "
+        "be too large, too small or too heavy"
     )
     if not len(held):
         raise none
@@ -490,18 +490,20 @@ def search_start_states(
     found = StartStates(*(column[order] for column in columns))
     if not search.tips:
         return found
-    firm = survives_noise(spec, thing, found, np.random.default_rng((wanted.seed, 1)))
+    firm = survives_noise(spec, grasp_object, found, np.random.default_rng((wanted.seed, 1)))
     if not firm.any():
         raise none
     return found.of(firm)
 
 
-def file_name(thing: GraspObject, search: Search = ANYHOW, wanted: StartSet = ALL, spec: HandSpec | None = None) -> str:
+def file_name(
+    grasp_object: GraspObject, search: Search = ANYHOW, wanted: StartSet = ALL, spec: HandSpec | None = None
+) -> str:
     """File name; it depends on the search, the object and the hand, ours where none is given."""
     spec = spec or load_spec(side="right")
     # Without a unit the key is that of the states that ship.
-    scale = 1.0 if thing.scale is None else ("said", thing.scale)
-    own = (thing.shape, thing.size, thing.mass, thing.file, scale)
+    scale = 1.0 if grasp_object.scale is None else ("said", grasp_object.scale)
+    own = (grasp_object.shape, grasp_object.size, grasp_object.mass, grasp_object.file, scale)
     sizes = wanted.sizes[0] if len(wanted.sizes) == 1 else wanted.sizes
     whole = (
         VERSION,

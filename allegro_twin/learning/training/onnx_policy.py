@@ -140,8 +140,8 @@ class NetworkActor(torch.nn.Module):  # type: ignore[misc]  # PyTorch is untyped
         self.register_buffer("scale", torch.as_tensor(policy.scale))
         self.bound, self.layers = policy.bound, torch.nn.Sequential(*policy.layers)
 
-    def forward(self, seen: torch.Tensor) -> torch.Tensor:
-        scaled = (seen - self.mean) * self.scale
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        scaled = (observation - self.mean) * self.scale
         if self.bound is not None:
             scaled = scaled.clamp(-self.bound, self.bound)
         found: torch.Tensor = self.layers(scaled).clamp(-1.0, 1.0)

@@ -55,25 +55,25 @@ def bag_topics(columns: Mapping[str, Array]) -> list[BagTopic]:
 
 
 def bag_messages(
-    words: v.RosTypes, spec: HandSpec, meta: Mapping[str, Any], columns: Mapping[str, Array]
+    types: v.RosTypes, spec: HandSpec, meta: Mapping[str, Any], columns: Mapping[str, Array]
 ) -> Iterator[BagMessage]:
     """Yield all messages of a recording, oldest first. Commands have a name that no driver listens to: a bag that is
     played must not move a hand."""
     frames = LinkFrames(spec)
-    yield BagMessage(META, 0, words.make(v.STRING, data=json.dumps(dict(meta))))
-    yield BagMessage(f"{NAMESPACE}/robot_description", 0, words.make(v.STRING, data=urdf_text(spec)))
-    yield BagMessage("/tf_static", 0, frames.static_transforms(words, 0))
-    layout = words.make("std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
+    yield BagMessage(META, 0, types.make(v.STRING, data=json.dumps(dict(meta))))
+    yield BagMessage(f"{NAMESPACE}/robot_description", 0, types.make(v.STRING, data=urdf_text(spec)))
+    yield BagMessage("/tf_static", 0, frames.static_transforms(types, 0))
+    layout = types.make("std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
     placed = {name: frame or frames.root for name, frame in POSES.items() if name in columns}
     for row, t in enumerate(columns["t"].tolist()):
         at = max(round((t - float(columns["t"][0])) * 1e9), 0)
-        moving = frames.transforms_at(words, at, columns["position"][row])
+        moving = frames.transforms_at(types, at, columns["position"][row])
         for name, frame in placed.items():
-            moving.transforms.append(transform(words, at, WORLD, frame, columns[name][row]))
+            moving.transforms.append(transform(types, at, WORLD, frame, columns[name][row]))
         yield BagMessage("/tf", at, moving)
-        state = words.make(
+        state = types.make(
             v.JOINT_STATE,
-            header=words.header(at),
+            header=types.header(at),
             name=list(spec.joints),
             position=columns["position"][row],
             velocity=columns["velocity"][row],
@@ -82,4 +82,4 @@ def bag_messages(
         yield BagMessage(STATES, at, state)
         for name, values in columns.items():
             numbers = np.atleast_1d(values[row]).astype(np.float64)
-            yield BagMessage(COLUMN + name, at, words.make(ARRAY, layout=layout, data=numbers))
+            yield BagMessage(COLUMN + name, at, types.make(ARRAY, layout=layout, data=numbers))

@@ -32,32 +32,32 @@ OK, WARN, ERROR = 0, 1, 2
 """Levels of diagnostic_msgs/DiagnosticStatus."""
 
 
-def joint_states(words: RosTypes, stamp: int, devices: Sequence[tuple[HandSpec, HandState]]) -> Message:
+def joint_states(types: RosTypes, stamp: int, devices: Sequence[tuple[HandSpec, HandState]]) -> Message:
     """Several devices in one message: positions (rad), speeds (rad/s), and as effort the applied torques (N·m)."""
     rows = [(state.position, state.velocity, state.torque) for _, state in devices]
     position, velocity, torque = (np.concatenate(each) for each in zip(*rows, strict=True))
     names = [name for spec, _ in devices for name in spec.joints]
-    return words.make(
-        JOINT_STATE, header=words.header(stamp), name=names, position=position, velocity=velocity, effort=torque
+    return types.make(
+        JOINT_STATE, header=types.header(stamp), name=names, position=position, velocity=velocity, effort=torque
     )
 
 
-def wrench(words: RosTypes, stamp: int, frame: str, values: Vector) -> Message:
+def wrench(types: RosTypes, stamp: int, frame: str, values: Vector) -> Message:
     """Force and torque, (6,), N and N·m, in a frame."""
-    force, torque = _three(words, values[:3]), _three(words, values[3:])
-    inner = words.make("geometry_msgs/msg/Wrench", force=force, torque=torque)
-    return words.make(WRENCH, header=words.header(stamp, frame), wrench=inner)
+    force, torque = _three(types, values[:3]), _three(types, values[3:])
+    inner = types.make("geometry_msgs/msg/Wrench", force=force, torque=torque)
+    return types.make(WRENCH, header=types.header(stamp, frame), wrench=inner)
 
 
-def pose(words: RosTypes, stamp: int, frame: str, values: Vector) -> Message:
+def pose(types: RosTypes, stamp: int, frame: str, values: Vector) -> Message:
     """Position, m, and quaternion w x y z, (7,), in a frame."""
     x, y, z, qw, qx, qy, qz = (float(value) for value in values)
-    inner = words.make(
+    inner = types.make(
         "geometry_msgs/msg/Pose",
-        position=words.make("geometry_msgs/msg/Point", x=x, y=y, z=z),
-        orientation=words.make("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
+        position=types.make("geometry_msgs/msg/Point", x=x, y=y, z=z),
+        orientation=types.make("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
     )
-    return words.make(POSE, header=words.header(stamp, frame), pose=inner)
+    return types.make(POSE, header=types.header(stamp, frame), pose=inner)
 
 
 def pose_in(message: Message, what: str) -> Pose:
@@ -76,61 +76,61 @@ def pose_in(message: Message, what: str) -> Pose:
     return Pose(numbers[:3], matrix_from_quaternion(numbers[3:]))
 
 
-def cloud(words: RosTypes, stamp: int, frame: str, points: NDArray[np.float32]) -> Message:
+def cloud(types: RosTypes, stamp: int, frame: str, points: NDArray[np.float32]) -> Message:
     """Points (rows, columns, 3), m, in a frame: x right, y down, z ahead; NaN is unknown."""
     high, wide = points.shape[:2]
     data = np.ascontiguousarray(points, dtype="<f4")
     fields = [
-        words.make("sensor_msgs/msg/PointField", name=name, offset=4 * k, datatype=_FLOAT32, count=1)
+        types.make("sensor_msgs/msg/PointField", name=name, offset=4 * k, datatype=_FLOAT32, count=1)
         for k, name in enumerate("xyz")
     ]
-    return words.make(
-        CLOUD, header=words.header(stamp, frame), height=high, width=wide, fields=fields, is_bigendian=False,
+    return types.make(
+        CLOUD, header=types.header(stamp, frame), height=high, width=wide, fields=fields, is_bigendian=False,
         point_step=12, row_step=12 * wide, data=data.view(np.uint8).ravel(), is_dense=bool(np.isfinite(data).all()),
     )  # fmt: skip
 
 
-def depth_image(words: RosTypes, stamp: int, frame: str, depth: NDArray[np.float32]) -> Message:
+def depth_image(types: RosTypes, stamp: int, frame: str, depth: NDArray[np.float32]) -> Message:
     """Depth (rows, columns), m along z, as realsense-ros has it: 16UC1, mm, 0 is unknown."""
     counts = np.rint(1000.0 * np.nan_to_num(np.clip(depth, 0.0, 65.535))).astype("<u2")
-    return words.make(
-        "sensor_msgs/msg/Image", header=words.header(stamp, frame), height=depth.shape[0], width=depth.shape[1],
+    return types.make(
+        "sensor_msgs/msg/Image", header=types.header(stamp, frame), height=depth.shape[0], width=depth.shape[1],
         encoding="16UC1", is_bigendian=0, step=2 * depth.shape[1], data=counts.view(np.uint8).ravel(),
     )  # fmt: skip
 
 
-def camera_info(words: RosTypes, stamp: int, frame: str, lens: tuple[int, int, float, float, float, float]) -> Message:
+def camera_info(types: RosTypes, stamp: int, frame: str, lens: tuple[int, int, float, float, float, float]) -> Message:
     """Width, height, fx, fy, cx, cy of a pinhole without distortion, pixels."""
     wide, high, fx, fy, cx, cy = lens
-    region = words.make("sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
-    return words.make(
-        "sensor_msgs/msg/CameraInfo", header=words.header(stamp, frame), height=high, width=wide,
+    region = types.make("sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
+    return types.make(
+        "sensor_msgs/msg/CameraInfo", header=types.header(stamp, frame), height=high, width=wide,
         distortion_model="plumb_bob", d=np.zeros(5), k=np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1.0]),
         r=np.eye(3).ravel(), p=np.array([fx, 0, cx, 0, 0, fy, cy, 0, 0, 0, 1.0, 0]), binning_x=0, binning_y=0,
         roi=region,
     )  # fmt: skip
 
 
-def transform(words: RosTypes, stamp: int, parent: str, child: str, values: Vector) -> Message:
+def transform(types: RosTypes, stamp: int, parent: str, child: str, values: Vector) -> Message:
     """Transform from a parent to a child frame: position, m, and quaternion w x y z, (7,)."""
     qw, qx, qy, qz = (float(value) for value in values[3:])
-    inner = words.make(
+    inner = types.make(
         "geometry_msgs/msg/Transform",
-        translation=_three(words, values[:3]),
-        rotation=words.make("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
+        translation=_three(types, values[:3]),
+        rotation=types.make("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
     )
-    header = words.header(stamp, parent)
-    return words.make("geometry_msgs/msg/TransformStamped", header=header, child_frame_id=child, transform=inner)
+    header = types.header(stamp, parent)
+    return types.make("geometry_msgs/msg/TransformStamped", header=header, child_frame_id=child, transform=inner)
 
 
-def diagnostics(words: RosTypes, stamp: int, name: str, level: int, message: str, values: Mapping[str, str]) -> Message:
+def diagnostics(types: RosTypes, stamp: int, name: str, level: int, message: str, values: Mapping[str, str]) -> Message:
     """One status with its values."""
-    pairs = [words.make("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()]
-    status = words.make(
+    pairs = [types.make("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()]
+    status = types.make(
         "diagnostic_msgs/msg/DiagnosticStatus",
         level=level, name=name, message=message, hardware_id=name, values=pairs,
     )  # fmt: skip
-    return words.make(DIAGNOSTICS, header=words.header(stamp), status=[status])
+    return types.make(DIAGNOSTICS, header=types.header(stamp), status=[status])
 
 
 def joint_order(spec: HandSpec, names: Sequence[str], what: str) -> list[int]:
@@ -165,6 +165,6 @@ def _joint_name(spec: HandSpec, name: str) -> str:
     return next((joint for joint in spec.joints if joint.replace(".", "_") == name), name)
 
 
-def _three(words: RosTypes, values: Vector) -> Any:
+def _three(types: RosTypes, values: Vector) -> Any:
     x, y, z = (float(value) for value in values)
-    return words.make(VECTOR, x=x, y=y, z=z)
+    return types.make(VECTOR, x=x, y=y, z=z)

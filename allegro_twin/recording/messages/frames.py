@@ -63,18 +63,18 @@ class LinkFrames:
         self._slides = np.array([frame.slides for frame in self.moving])[:, None]
         self._along = np.einsum("kij,kj->ki", matrix_from_quaternion(np.roll(self._turn, 1, axis=1)), self._axis)
 
-    def transforms_at(self, words: RosTypes, stamp: int, position: Vector) -> Message:
+    def transforms_at(self, types: RosTypes, stamp: int, position: Vector) -> Message:
         """TFMessage of all joints at a posture, (n,), rad."""
         moved = self._spec.all_positions(position)[self._index, None]
         half = np.where(self._slides, 0.0, moved) / 2.0
         turns = _multiply(self._turn, np.hstack([np.sin(half) * self._axis, np.cos(half)]))
         places = self._place + np.where(self._slides, moved, 0.0) * self._along
-        return _message(words, stamp, self.moving, places, turns)
+        return _message(types, stamp, self.moving, places, turns)
 
-    def static_transforms(self, words: RosTypes, stamp: int) -> Message:
+    def static_transforms(self, types: RosTypes, stamp: int) -> Message:
         """TFMessage of the fixed frames: the fingertips on their links."""
         places, turns = (np.array([getattr(frame, key) for frame in self.fixed]) for key in ("xyz", "turn"))
-        return _message(words, stamp, self.fixed, places, turns)
+        return _message(types, stamp, self.fixed, places, turns)
 
 
 def _frame(joint: ElementTree.Element, spec: HandSpec) -> LinkFrame:
@@ -106,8 +106,8 @@ def _multiply(a: Array, b: Array) -> Array:
     return np.hstack([vector, (a[:, 3] * b[:, 3] - (a[:, :3] * b[:, :3]).sum(axis=1))[:, None]])
 
 
-def _message(words: RosTypes, stamp: int, frames: list[LinkFrame], places: Array, turns: Array) -> Message:
+def _message(types: RosTypes, stamp: int, frames: list[LinkFrame], places: Array, turns: Array) -> Message:
     """`places`: (k, 3), m; `turns`: quaternions x, y, z, w, (k, 4)."""
     poses = [np.array([*place, turn[3], *turn[:3]]) for place, turn in zip(places, turns, strict=True)]
     each = zip(frames, poses, strict=True)
-    return words.make(TF, transforms=[transform(words, stamp, frame.parent, frame.child, pose) for frame, pose in each])
+    return types.make(TF, transforms=[transform(types, stamp, frame.parent, frame.child, pose) for frame, pose in each])

@@ -62,58 +62,58 @@ class SceneObject(NamedTuple):
     """Along its axes, m."""
 
 
-def register_moveit(words: RosTypes) -> None:
+def register_moveit(types: RosTypes) -> None:
     """Teach a distribution's types those of MoveIt. Idempotent."""
-    if PLANNING_SCENE in words.store.types:
+    if PLANNING_SCENE in types.store.types:
         return
     from rosbags.typesys import get_types_from_msg
 
     found: dict[str, Any] = {}
     for kind, fields in _FIELDS.items():
         found.update(get_types_from_msg("\n".join(fields.split("; ")) + "\n", kind))
-    words.store.register(found)
+    types.store.register(found)
 
 
 def planning_scene(
-    words: RosTypes, stamp: int, frame: str, objects: Sequence[SceneObject], gone: Sequence[str] = ()
+    types: RosTypes, stamp: int, frame: str, objects: Sequence[SceneObject], gone: Sequence[str] = ()
 ) -> Message:
     """A difference to MoveIt's scene: these objects are there, in a frame, and those named in `gone` are no more."""
-    register_moveit(words)
-    added = [_object(words, stamp, frame, each.name, _ADD, each) for each in objects]
-    removed = [_object(words, stamp, frame, name, _REMOVE, None) for name in gone]
-    header, joints = words.header(0), _empty(words)
-    octomap = words.make("octomap_msgs/msg/Octomap", header=header, binary=False, id="", resolution=0.0,
+    register_moveit(types)
+    added = [_object(types, stamp, frame, each.name, _ADD, each) for each in objects]
+    removed = [_object(types, stamp, frame, name, _REMOVE, None) for name in gone]
+    header, joints = types.header(0), _empty(types)
+    octomap = types.make("octomap_msgs/msg/Octomap", header=header, binary=False, id="", resolution=0.0,
                          data=np.zeros(0, np.int8))  # fmt: skip
-    nowhere = words.make("octomap_msgs/msg/OctomapWithPose", header=header, origin=_pose(words, None), octomap=octomap)
-    world = words.make("moveit_msgs/msg/PlanningSceneWorld", collision_objects=[*added, *removed], octomap=nowhere)
-    nothing = words.make("moveit_msgs/msg/AllowedCollisionMatrix", entry_names=[], entry_values=[],
+    nowhere = types.make("octomap_msgs/msg/OctomapWithPose", header=header, origin=_pose(types, None), octomap=octomap)
+    world = types.make("moveit_msgs/msg/PlanningSceneWorld", collision_objects=[*added, *removed], octomap=nowhere)
+    nothing = types.make("moveit_msgs/msg/AllowedCollisionMatrix", entry_names=[], entry_values=[],
                          default_entry_names=[], default_entry_values=np.zeros(0, np.bool_))  # fmt: skip
-    return words.make(
+    return types.make(
         PLANNING_SCENE, name="", robot_state=joints, robot_model_name="", fixed_frame_transforms=[],
         allowed_collision_matrix=nothing, link_padding=[], link_scale=[], object_colors=[], world=world, is_diff=True,
     )  # fmt: skip
 
 
-def _object(words: RosTypes, stamp: int, frame: str, name: str, operation: int, solid: SceneObject | None) -> Message:
-    kind = words.make("object_recognition_msgs/msg/ObjectType", key="", db="")
-    primitives = [] if solid is None else [_primitive(words, solid)]
-    return words.make(
-        "moveit_msgs/msg/CollisionObject", header=words.header(stamp, frame),
-        pose=_pose(words, None if solid is None else _upright(solid)), id=name, type=kind,
-        primitives=primitives, primitive_poses=[_pose(words, None) for _ in primitives],
+def _object(types: RosTypes, stamp: int, frame: str, name: str, operation: int, solid: SceneObject | None) -> Message:
+    kind = types.make("object_recognition_msgs/msg/ObjectType", key="", db="")
+    primitives = [] if solid is None else [_primitive(types, solid)]
+    return types.make(
+        "moveit_msgs/msg/CollisionObject", header=types.header(stamp, frame),
+        pose=_pose(types, None if solid is None else _upright(solid)), id=name, type=kind,
+        primitives=primitives, primitive_poses=[_pose(types, None) for _ in primitives],
         meshes=[], mesh_poses=[], planes=[], plane_poses=[], subframe_names=[], subframe_poses=[], operation=operation,
     )  # fmt: skip
 
 
-def _primitive(words: RosTypes, solid: SceneObject) -> Message:
+def _primitive(types: RosTypes, solid: SceneObject) -> Message:
     along, across, third = solid.size
     kind, dimensions = {
         "box": (_BOX, solid.size),
         "sphere": (_SPHERE, (max(solid.size) / 2.0,)),
         "cylinder": (_CYLINDER, (along, max(across, third) / 2.0)),
     }[solid.shape]
-    polygon = words.make("geometry_msgs/msg/Polygon", points=[])
-    return words.make(
+    polygon = types.make("geometry_msgs/msg/Polygon", points=[])
+    return types.make(
         "shape_msgs/msg/SolidPrimitive", type=kind, dimensions=np.array(dimensions, np.float64), polygon=polygon
     )
 
@@ -126,24 +126,24 @@ def _upright(solid: SceneObject) -> Pose:
     return Pose(solid.pose.position, np.stack([y, z, x], axis=1))
 
 
-def _pose(words: RosTypes, pose: Pose | None) -> Message:
+def _pose(types: RosTypes, pose: Pose | None) -> Message:
     x, y, z = (0.0, 0.0, 0.0) if pose is None else (float(value) for value in pose.position)
     turn = (1.0, 0.0, 0.0, 0.0) if pose is None else quaternion_from_matrix(pose.rotation)
     w, i, j, k = (float(value) for value in turn)
-    return words.make(
+    return types.make(
         "geometry_msgs/msg/Pose",
-        position=words.make("geometry_msgs/msg/Point", x=x, y=y, z=z),
-        orientation=words.make("geometry_msgs/msg/Quaternion", x=i, y=j, z=k, w=w),
+        position=types.make("geometry_msgs/msg/Point", x=x, y=y, z=z),
+        orientation=types.make("geometry_msgs/msg/Quaternion", x=i, y=j, z=k, w=w),
     )
 
 
-def _empty(words: RosTypes) -> Message:
+def _empty(types: RosTypes) -> Message:
     """A robot state that says nothing: the difference is one of the world."""
-    none, header = np.zeros(0), words.header(0)
-    joints = words.make("sensor_msgs/msg/JointState", header=header, name=[], position=none, velocity=none, effort=none)
-    free = words.make("sensor_msgs/msg/MultiDOFJointState", header=header, joint_names=[], transforms=[], twist=[],
+    none, header = np.zeros(0), types.header(0)
+    joints = types.make("sensor_msgs/msg/JointState", header=header, name=[], position=none, velocity=none, effort=none)
+    free = types.make("sensor_msgs/msg/MultiDOFJointState", header=header, joint_names=[], transforms=[], twist=[],
                       wrench=[])  # fmt: skip
-    return words.make(
+    return types.make(
         "moveit_msgs/msg/RobotState", joint_state=joints, multi_dof_joint_state=free, attached_collision_objects=[],
         is_diff=True,
     )  # fmt: skip

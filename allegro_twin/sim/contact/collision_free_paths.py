@@ -38,16 +38,16 @@ class CollisionFreePaths:
         self._spec, self._check_speed = spec, check
 
     def legs(
-        self, start: Vector, wish: Waypoint, limits: tuple[Vector, Vector], what: str, *, margin: float = 0.0,
+        self, start: Vector, goal: Waypoint, limits: tuple[Vector, Vector], what: str, *, margin: float = 0.0,
         deepest: float = _GIVES,
     ) -> list[Waypoint]:  # fmt: skip
-        """The wish from a posture (n,), rad, inside joint limits, behind the detours that it needs: none where nothing
+        """The goal from a posture (n,), rad, inside joint limits, behind the detours that it needs: none where nothing
         is in the way. `margin`: distance kept on the way beyond the usual one, m, for a hand that is not quite where it
-        says; `deepest`: how deep in each other the parts may be at the wish, m. Raises ConfigError for a wrong speed,
+        says; `deepest`: how deep in each other the parts may be at the goal, m. Raises ConfigError for a wrong speed,
         and SelfCollision for a posture that the hand cannot have or that no way was found to; `what` it is stands in
         the message."""
-        self._check_legs(start, [wish], what)
-        found = self._found(start, wish, limits, what, margin, deepest)
+        self._check_legs(start, [goal], what)
+        found = self._found(start, goal, limits, what, margin, deepest)
         self._check_legs(start, found, what)
         return found
 
@@ -57,20 +57,20 @@ class CollisionFreePaths:
             self._check_speed(path.peak, what)
 
     def _found(
-        self, start: Vector, wish: Waypoint, limits: tuple[Vector, Vector], what: str, margin: float, deepest: float
+        self, start: Vector, goal: Waypoint, limits: tuple[Vector, Vector], what: str, margin: float, deepest: float
     ) -> list[Waypoint]:
-        self._check(wish.posture, what, deepest)
+        self._check(goal.posture, what, deepest)
         fingers = [finger.joints for finger in self._spec.fingers]
         room = PlanningSpace(lambda rows: self._apart(rows) - margin, fingers, np.clip(0.0, *limits), *limits)
-        found = plan_path(room, start, wish.posture)
+        found = plan_path(room, start, goal.posture)
         if found is None:
-            apart = self._apart(postures_on_line(start, wish.posture))
+            apart = self._apart(postures_on_line(start, goal.posture))
             parts = self._nearest(apart, crossing_pairs(apart, CLEARANCE))
             raise SelfCollision(f"{what}: found no way from here on which {parts} keep clear; go by another posture")
-        careful = replace(wish, speed=min(wish.speed, _CAREFUL))
+        careful = replace(goal, speed=min(goal.speed, _CAREFUL))
         if len(found) == 1:
-            wide = careful.speed == wish.speed or self._apart(postures_on_line(start, wish.posture)).min() >= _WIDELY
-            return [wish if wide else careful]
+            wide = careful.speed == goal.speed or self._apart(postures_on_line(start, goal.posture)).min() >= _WIDELY
+            return [goal if wide else careful]
         legs = [replace(careful, posture=posture) for posture in found]
         times = [max(travel_time(a, leg), _LEAST) for a, leg in zip([start, *found], legs, strict=False)]
         return [Waypoint(leg.posture, seconds, profile=leg.profile) for leg, seconds in zip(legs, times, strict=True)]
@@ -130,8 +130,8 @@ class CollisionFreeMove:
     """A reference: to a posture, from where the fingers are, without one meeting another. `what` it is stands in
     messages."""
 
-    def __init__(self, spec: HandSpec, wish: Waypoint, what: str, check: SpeedCheck | None = None) -> None:
-        self.waypoints: Sequence[Waypoint] = [wish]
+    def __init__(self, spec: HandSpec, goal: Waypoint, what: str, check: SpeedCheck | None = None) -> None:
+        self.waypoints: Sequence[Waypoint] = [goal]
         """What was asked for, without the detours."""
         self._spec, self._what = spec, what
         self._paths, self._limits = CollisionFreePaths(spec, check), (spec.lower, spec.upper)
@@ -139,14 +139,14 @@ class CollisionFreeMove:
 
     def checked(self, check: SpeedCheck) -> CollisionFreeMove:
         """Copy whose motion `check` examines before it begins."""
-        (wish,) = self.waypoints
-        return CollisionFreeMove(self._spec, wish, self._what, check)
+        (goal,) = self.waypoints
+        return CollisionFreeMove(self._spec, goal, self._what, check)
 
     def prepare(self, position: Vector) -> None:
         """Plan the path from a joint position, (n,), rad: in 10 ms where it is straight, up to 0.7 s where it is not.
         Raises SelfCollision as `CollisionFreePaths.legs` does."""
-        (wish,) = self.waypoints
-        self._planned = position, self._paths.legs(np.clip(position, *self._limits), wish, self._limits, self._what)
+        (goal,) = self.waypoints
+        self._planned = position, self._paths.legs(np.clip(position, *self._limits), goal, self._limits, self._what)
 
     def begin(self, position: Vector) -> Trajectory:
         """The path, planned now unless it was for a position next to this one. Raises SelfCollision."""

@@ -62,9 +62,9 @@ class SurfaceProbe:
     range, as a finger bends far and extends little. Where the range says nothing, a digit has no back.
     """
 
-    def __init__(self, model: mujoco.MjModel, spec: HandSpec, thing: str) -> None:
+    def __init__(self, model: mujoco.MjModel, spec: HandSpec, object_name: str) -> None:
         self._model = model
-        self._palm, self._thing = model.body("palm_link").id, model.body(thing).id
+        self._palm, self._object = model.body("palm_link").id, model.body(object_name).id
         self._part = body_parts(model, spec)
         self.parts = part_names(spec)
         self._sites = [model.site(finger.tip).id for finger in spec.fingers]
@@ -74,14 +74,14 @@ class SurfaceProbe:
         self._closes = [_flexion(model, hinge) for hinge in self._hinges]
         last = {int(model.body_weldid[end]) for end in ends}
         self._last = np.array([int(weld) in last for weld in model.body_weldid])
-        self._is_thing = model.body_weldid[model.geom_bodyid] == self._thing
+        self._is_object = model.body_weldid[model.geom_bodyid] == self._object
 
     def __call__(self, data: mujoco.MjData) -> SurfaceForces:
         """What is exchanged in a state that a step has left."""
         model = self._model
         found = SurfaceForces(*(np.zeros((len(self.parts), len(SURFACES), *more)) for more in ((), (3,), (3,))))
         contact = data.contact
-        ours = self._is_thing[contact.geom] if data.ncon else np.zeros((0, 2), dtype=bool)
+        ours = self._is_object[contact.geom] if data.ncon else np.zeros((0, 2), dtype=bool)
         turn, origin = data.xmat[self._palm].reshape(3, 3), data.xpos[self._palm]
         force = np.zeros(6)
         for index in np.flatnonzero(ours.any(axis=1) & (contact.efc_address >= 0)):
@@ -138,9 +138,9 @@ class SurfaceProbe:
         return along
 
 
-def box_edges(model: mujoco.MjModel, thing: str) -> Array:
+def box_edges(model: mujoco.MjModel, object_name: str) -> Array:
     """Edges of the box around an object's shapes, in the object's own axes, (3,), m."""
-    body = model.body(thing).id
+    body = model.body(object_name).id
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for geom in np.flatnonzero(model.body_weldid[model.geom_bodyid] == body):
         entries = np.zeros(9)

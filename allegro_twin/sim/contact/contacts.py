@@ -46,11 +46,11 @@ class SceneContacts:
 
 
 def find_contacts(
-    model: mujoco.MjModel, data: mujoco.MjData, spec: HandSpec, thing: str, near: float = 0.0
+    model: mujoco.MjModel, data: mujoco.MjData, spec: HandSpec, object_name: str, near: float = 0.0
 ) -> SceneContacts:
     """The contacts of an object, after `mj_forward` or a step. `near`, m: also those that do not touch yet by as much,
     which MuJoCo only finds within margin + gap."""
-    body, part = model.body(thing).id, body_parts(model, spec)
+    body, part = model.body(object_name).id, body_parts(model, spec)
     contact = data.contact
     bodies = model.geom_bodyid[contact.geom] if data.ncon else np.zeros((0, 2), dtype=np.int_)
     mine = model.body_weldid[bodies] == body
@@ -93,11 +93,11 @@ class Obstruction(NamedTuple):
         return f"{self.body} would be {1e3 * self.depth:.1f} mm inside {where}"
 
 
-def obstructions(model: mujoco.MjModel, data: mujoco.MjData, spec: HandSpec, thing: str) -> list[Obstruction]:
+def obstructions(model: mujoco.MjModel, data: mujoco.MjData, spec: HandSpec, object_name: str) -> list[Obstruction]:
     """Everything that hand and arm are in, the deepest first, after `mj_forward` or a step: what stands still, the
     object, and one the other. The hand's links among themselves are not looked at: those are its posture's."""
     part, weld = body_parts(model, spec), model.body_weldid
-    moves = (weld != 0) & (weld != model.body(thing).id)
+    moves = (weld != 0) & (weld != model.body(object_name).id)
     found = []
     for contact in data.contact:
         # What moves with the arm first.
@@ -132,14 +132,14 @@ def _radius(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> float:
 
 
 def penetration_depth(
-    model: mujoco.MjModel, spec: HandSpec, posture: Vector, thing: str, pose: Vector, scale: float
+    model: mujoco.MjModel, spec: HandSpec, posture: Vector, object_name: str, pose: Vector, scale: float
 ) -> float:
     """The deepest contact between a free body and the hand, m; 0 where they are apart.
 
     The fingers are at `posture` (n,), rad, the body at `pose` (7,), m, and `scale` times its size.
     """
     model = copy.copy(model)
-    body = model.body(thing)
+    body = model.body(object_name)
     first, count = int(body.geomadr[0]), int(body.geomnum[0])
     model.geom_size[first : first + count] *= scale
     model.geom_rbound[first : first + count] *= scale
@@ -148,7 +148,7 @@ def penetration_depth(
     model.bvh_aabb[boxes] *= scale
     data = mujoco.MjData(model)
     PostureMap(spec, model)(posture, data.qpos)
-    data.joint(thing).qpos[:] = pose
+    data.joint(object_name).qpos[:] = pose
     mujoco.mj_forward(model, data)
     deepest = 0.0
     for contact in data.contact:

@@ -42,11 +42,13 @@ class GraspScene:
     def __init__(self, spec: HandSpec, around: Stage, begun: Sequence[float] | None = None) -> None:
         """`begun`: where the object's middle is when a trial begins, (3,), m, if it is pushed to where it is here."""
         around = replace(around, position=np.zeros(3), quaternion=np.array([1.0, 0.0, 0.0, 0.0]))
-        self.spec, self.thing, self._edge = spec, around.things[0], around.edge
+        self.spec, self._edge = spec, around.edge
+        self.placed: PlacedObject = around.objects[0]
+        """The object where it stands."""
         self.model = model = compile_scene(spec, around)
         self.data = mujoco.MjData(model)
-        self.name = self.thing.thing.name
-        self.begun = np.array(self.thing.position if begun is None else begun)
+        self.name = self.placed.grasp_object.name
+        self.begun = np.array(self.placed.position if begun is None else begun)
         """Where the object's middle is at first, (3,), m: from there scenarios count."""
         self.body = int(model.body(self.name).id)
         self._posed = PostureMap(spec, model)
@@ -59,11 +61,6 @@ class GraspScene:
         self._of_object = model.geom_bodyid == self.body
         self._columns = [] if spec.followers else [int(model.joint(name).dofadr[0]) for name in spec.joints]
         self._hand = np.flatnonzero((self.part >= 0) & ((model.geom_contype | model.geom_conaffinity) != 0))
-
-    @property
-    def placed(self) -> PlacedObject:
-        """The object where it stands."""
-        return self.thing
 
     @property
     def mass(self) -> float:

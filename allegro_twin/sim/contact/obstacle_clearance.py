@@ -19,7 +19,7 @@ from allegro_twin.types import Array, Vector
 NEAR = 0.005
 """m: what comes nearer is in the way. OWN: what follows a far way lags behind it by millimetres."""
 _GIVES = 0.001  # m. What is near at the beginning of a way, or where it leads, may be so on it.
-_THING, _TABLE = "seen", "table"
+_OBJECT, _TABLE = "seen", "table"
 OTHERS = 8
 """So many other solids may be kept clear of."""
 _PARTS = 3
@@ -75,16 +75,16 @@ class ObstacleClearance:
     """Arm, hand, table, one thing and other objects, posed and never stepped; for one thread."""
 
     def __init__(self, arm: ArmSpec, mounted: MountedHand, base: Array) -> None:
-        names = [*(f"{_THING} {k}" for k in range(_PARTS)), *(f"{_OTHER} {k}" for k in range(OTHERS))]
+        names = [*(f"{_OBJECT} {k}" for k in range(_PARTS)), *(f"{_OTHER} {k}" for k in range(OTHERS))]
         placed = [PlacedObject(GraspObject(name, "box", (0.01, 0.01, 0.01), 0.01), _out(k), (1.0, 0.0, 0.0, 0.0))
                   for k, name in enumerate(names)]  # fmt: skip
-        stage = Stage(base, np.array([1.0, 0.0, 0.0, 0.0]), things=placed, table=True)
+        stage = Stage(base, np.array([1.0, 0.0, 0.0, 0.0]), objects=placed, table=True)
         model = compile_scene(arm, stage, mounted)
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE  # Its boxes are of the sizes at compile time.
         self._model, self._data = model, mujoco.MjData(model)
         self._arm, self._hand = PostureMap(arm, model), PostureMap(mounted.hand, model)
         geoms = [model.geom(name).id for name in names]
-        self._things, self._others, self._table = geoms[:_PARTS], geoms[_PARTS:], model.geom(_TABLE).id
+        self._objects, self._others, self._table = geoms[:_PARTS], geoms[_PARTS:], model.geom(_TABLE).id
         self._places = {number: int(model.joint(name).qposadr[0]) for number, name in zip(geoms, names, strict=True)}
         seen = [*geoms, self._table]
         model.geom_margin[seen] = NEAR
@@ -96,7 +96,7 @@ class ObstacleClearance:
 
     def clear_table(self) -> None:
         """From now on the table is empty."""
-        self._stand(self._things, ())
+        self._stand(self._objects, ())
         self.set_obstacles(())
 
     def set_obstacles(self, obstacles: Sequence[TableObject], clear: float = CLEAR) -> None:
@@ -107,7 +107,7 @@ class ObstacleClearance:
 
     def see(self, body: TableObject) -> None:
         """From now on this stands on the table, of at most three solids."""
-        self._stand(self._things, body.solids)
+        self._stand(self._objects, body.solids)
 
     def _stand(self, geoms: Sequence[int], solids: Sequence[TableObject]) -> None:
         """The first of some geoms are these solids from now on, and the others are far away."""
@@ -173,7 +173,7 @@ class ObstacleClearance:
         return found
 
     def _pair(self, one: int, other: int) -> tuple[str, str] | None:
-        outside = dict.fromkeys(self._things, "the thing") | dict.fromkeys(self._others, _OTHER)
+        outside = dict.fromkeys(self._objects, "the thing") | dict.fromkeys(self._others, _OTHER)
         outside[self._table] = "the table"
         one, other = (other, one) if one in outside else (one, other)
         part, second = (int(self._model.geom_bodyid[geom]) for geom in (one, other))

@@ -32,15 +32,15 @@ class _Contacts(NamedTuple):
 class ObjectProbe:
     """Looks into a scene at one object, after each period."""
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, spec: HandSpec, thing: str) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, spec: HandSpec, object_name: str) -> None:
         self._model, self._data = model, data
-        self._palm, self._thing = model.body("palm_link").id, model.body(thing).id
+        self._palm, self._object = model.body("palm_link").id, model.body(object_name).id
         self.parts = part_names(spec)
         self._n, self._parts_column = len(self.parts), np.arange(len(self.parts))[:, None]
         # An object, and what stands on the table, may be made of bodies that are welded together.
         weld = model.body_weldid[model.geom_bodyid]
         self._part = body_parts(model, spec)[model.geom_bodyid]
-        self._is_thing, self._stands = weld == self._thing, (weld == 0) & (self._part < 0)
+        self._is_object, self._stands = weld == self._object, (weld == 0) & (self._part < 0)
         empty = {"contact_force": self._n, "on_table": 1, "contacts": 1, "penetration": 1}
         self._untouched = {name: frozen(np.zeros(size)) for name, size in empty.items()}
         self._unmoved = frozen(np.full(3 * self._n, np.nan)), frozen(np.zeros(3 * self._n))
@@ -53,7 +53,7 @@ class ObjectProbe:
         point, vector = self._unmoved if found is None else self._pressing(found)
         return self._felt(found) | {
             "palm": np.concatenate([data.xpos[self._palm], data.xquat[self._palm]]),
-            "object": np.concatenate([data.xpos[self._thing], data.xquat[self._thing]]),
+            "object": np.concatenate([data.xpos[self._object], data.xquat[self._object]]),
             "contact_point": point,
             "contact_vector": vector,
         }
@@ -67,7 +67,7 @@ class ObjectProbe:
     def _contacts(self) -> _Contacts | None:
         contact = self._data.contact
         geoms, address = contact.geom, contact.efc_address
-        ours = self._is_thing[geoms]
+        ours = self._is_object[geoms]
         mine = ((ours[:, 0] | ours[:, 1]) & (address >= 0)).nonzero()[0]
         if not len(mine):
             return None

@@ -90,9 +90,9 @@ class UrdfMeshes:
         if file.suffix.lower() not in CONVERTIBLE:
             raise MeshError(f"no reader for {file.suffix or 'a file without a suffix'}; convert it to OBJ")
         place = list(link).index(element)
-        pieces = self._convert(file, element.tag)
+        parts = self._convert(file, element.tag)
         link.remove(element)
-        for number, (name, color) in enumerate(pieces):
+        for number, (name, color) in enumerate(parts):
             part = copy.deepcopy(element)
             part.find("geometry/mesh").set("filename", name)  # type: ignore[union-attr]  # It is `mesh`.
             if element.tag == "visual" and color is not None:  # As RViz: a mesh's own colour before the URDF's.
@@ -105,10 +105,10 @@ class UrdfMeshes:
     def _convert(self, file: Path, kind: str) -> list[tuple[str, tuple[float, ...] | None]]:
         """Names in `assets` and colours of a mesh's pieces."""
         if (file, kind) not in self._converted:
-            pieces = read_parts(file)
-            pieces = parts_by_color(pieces) if kind == "visual" else solid_parts(pieces)
+            parts = read_parts(file)
+            parts = parts_by_color(parts) if kind == "visual" else solid_parts(parts)
             names = []
-            for number, piece in enumerate(pieces):
+            for number, piece in enumerate(parts):
                 name = f"{file.stem}_{kind}_{number}.obj"
                 while name in self.assets:
                     name = f"_{name}"
@@ -205,21 +205,21 @@ def _color(visual: Any) -> tuple[float, ...] | None:
     return tuple(color.round(4).tolist())
 
 
-def parts_by_color(pieces: list[MeshPiece]) -> list[MeshPiece]:
+def parts_by_color(parts: list[MeshPiece]) -> list[MeshPiece]:
     """For looking: what has one colour is one piece."""
     groups: dict[tuple[float, ...] | None, list[MeshPiece]] = {}
-    for piece in pieces:
+    for piece in parts:
         groups.setdefault(piece.color, []).append(piece)
     return [_join(group) for group in groups.values()]
 
 
-def solid_parts(pieces: list[MeshPiece]) -> list[MeshPiece]:
+def solid_parts(parts: list[MeshPiece]) -> list[MeshPiece]:
     """For contacts: each node, whose hull MuJoCo takes; all in one where a node is flat. Raises MeshError."""
-    if any(map(_is_flat, pieces)):
-        pieces = [_join(pieces)]
-    if _is_flat(pieces[0]):
+    if any(map(_is_flat, parts)):
+        parts = [_join(parts)]
+    if _is_flat(parts[0]):
         raise MeshError("flat: it has no inside that could touch")
-    return pieces
+    return parts
 
 
 def _is_flat(piece: MeshPiece) -> bool:
@@ -230,10 +230,10 @@ def _is_flat(piece: MeshPiece) -> bool:
     return bool(spread[2] < 1e-6 * spread[0])
 
 
-def _join(pieces: list[MeshPiece]) -> MeshPiece:
-    starts = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
-    faces = [piece.faces + start for piece, start in zip(pieces, starts[:-1], strict=True)]
-    return MeshPiece(np.concatenate([piece.vertices for piece in pieces]), np.concatenate(faces), pieces[0].color)
+def _join(parts: list[MeshPiece]) -> MeshPiece:
+    starts = np.cumsum([0, *(len(piece.vertices) for piece in parts)])
+    faces = [piece.faces + start for piece, start in zip(parts, starts[:-1], strict=True)]
+    return MeshPiece(np.concatenate([piece.vertices for piece in parts]), np.concatenate(faces), parts[0].color)
 
 
 def _collada_unit(file: Path) -> float:

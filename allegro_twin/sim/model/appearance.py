@@ -27,13 +27,13 @@ _GROUPS = 3  # Of geoms: MuJoCo shows the first three and hides the others.
 _TRIANGLES = 600  # A mesh, at most: a page in a browser draws dozens of them without a GPU.
 
 
-def scene_appearance(model: mujoco.MjModel, spec: HandSpec, things: tuple[str, ...]) -> dict[str, Any]:
+def scene_appearance(model: mujoco.MjModel, spec: HandSpec, object_names: tuple[str, ...]) -> dict[str, Any]:
     """For a recording: the shapes of the objects and of what stands still, and of the hand if it is not ours."""
     start, palm = mujoco.MjData(model), model.body(spec.root).id
     mujoco.mj_kinematics(model, start)
     found: dict[str, Any] = {
         "palm": [round(float(x), 6) for x in (*start.xpos[palm], *start.xquat[palm])],
-        "objects": {name: [shape.to_json() for shape in _shapes(model, model.body(name).id)] for name in things},
+        "objects": {name: [shape.to_json() for shape in _shapes(model, model.body(name).id)] for name in object_names},
         "fixed": [shape.to_json() for shape in _shapes(model, 0)],
     }
     if spec.foreign is not None or isinstance(spec, ArmSpec):

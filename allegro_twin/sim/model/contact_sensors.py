@@ -10,9 +10,9 @@ PREFIX = "contact/"
 """Sensors are named by this and the link."""
 
 
-def add_contact_sensors(scene: mujoco.MjSpec, root: mujoco.MjsBody, thing: str) -> None:
-    """Measure the net contact force on a free body `thing` (world axes, 3 numbers, N) of each colliding link below and
-    with `root`."""
+def add_contact_sensors(scene: mujoco.MjSpec, root: mujoco.MjsBody, object_name: str) -> None:
+    """Measure the net contact force on a free body `object_name` (world axes, 3 numbers, N) of each colliding link
+    below and with `root`."""
     force, net = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3
     for link in _links(root):
         scene.add_sensor(
@@ -21,7 +21,7 @@ def add_contact_sensors(scene: mujoco.MjSpec, root: mujoco.MjsBody, thing: str) 
             objtype=mujoco.mjtObj.mjOBJ_BODY,
             objname=link.name,
             reftype=mujoco.mjtObj.mjOBJ_BODY,
-            refname=thing,
+            refname=object_name,
             intprm=[force, net, 1],
         )
 

@@ -54,7 +54,7 @@ class Stage:
     """Palm, or an arm's base, in the world, shape (3,), m."""
     quaternion: Array
     """Orientation of the palm, or of an arm's base, in the world: w, x, y, z."""
-    things: Sequence[PlacedObject] = ()
+    objects: Sequence[PlacedObject] = ()
     friction: float = 0.8
     """Sliding friction of every contact."""
     table: bool = False
@@ -139,12 +139,12 @@ def compile_scene(spec: HandSpec, stage: Stage, mounted: MountedHand | None = No
     if stage.wrist:
         add_wrist(scene, root, ("wrist_z",) if stage.slide else WRIST_JOINTS)
     _surroundings(scene, stage, 1.0 if spec.side == "right" else -1.0)
-    for placement in stage.things:
+    for placement in stage.objects:
         add_object(scene, placement, friction, every_shape=stage.every_shape)
     if stage.presented:
-        _add_presenter(scene, stage.things[0])
+        _add_presenter(scene, stage.objects[0])
     if stage.sensed:
-        add_contact_sensors(scene, root, stage.things[0].thing.name)
+        add_contact_sensors(scene, root, stage.objects[0].grasp_object.name)
     for plate in stage.plates:
         add_plate(scene, plate)
     stage.physics.contacts(scene)
@@ -157,7 +157,7 @@ def compile_scene(spec: HandSpec, stage: Stage, mounted: MountedHand | None = No
     except ValueError as error:
         raise ConfigError(f"scene of {spec.name}: {str(error).strip().splitlines()[0]}") from error
     if stage.presented:
-        _hold_by_centre(model, stage.things[0].thing.name)
+        _hold_by_centre(model, stage.objects[0].grasp_object.name)
     for each in (spec,) if mounted is None else (spec, mounted.hand):
         if "torque" not in each.commands:
             limit_forces(model, each)
@@ -231,7 +231,7 @@ def _add_presenter(spec: mujoco.MjSpec, placement: PlacedObject) -> None:
         type=mujoco.mjtEq.mjEQ_WELD,
         objtype=mujoco.mjtObj.mjOBJ_BODY,
         name1=PRESENTER,
-        name2=placement.thing.name,
+        name2=placement.grasp_object.name,
         # Anchor at the object's middle, pose as placed (zeros: from the model), and the weight of the rotation, m.
         data=[0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0.05, 0],
         solref=[-_STIFFNESS, -2 * _STIFFNESS**0.5],
@@ -239,8 +239,8 @@ def _add_presenter(spec: mujoco.MjSpec, placement: PlacedObject) -> None:
     )
 
 
-def _hold_by_centre(model: mujoco.MjModel, thing: str) -> None:
+def _hold_by_centre(model: mujoco.MjModel, object_name: str) -> None:
     """Hold a presented thing by its centre of mass, which only the compiled model has: held elsewhere its weight would
     turn it, for the hold is soft."""
     hold = model.equality(PRESENTER)
-    hold.data[:3] = hold.data[3:6] = model.body(thing).ipos  # In the thing and in the presenter, who stand alike.
+    hold.data[:3] = hold.data[3:6] = model.body(object_name).ipos  # In the thing and in the presenter, who stand alike.

@@ -73,7 +73,7 @@ class GraspObject:
         """Surface of a mesh, or its hull's. Raises ConfigError."""
         return self._mesh().times(self.stretch)
 
-    def pieces(self) -> list[Mesh]:
+    def convex_parts(self) -> list[Mesh]:
         """Convex pieces of a mesh, which are its contact shapes. Raises ConfigError."""
         return [piece.times(self.stretch) for piece in convex_parts(self._mesh(), str(self.file))]
 
@@ -86,7 +86,7 @@ class GraspObject:
 class PlacedObject:
     """A thing in the scene."""
 
-    thing: GraspObject
+    grasp_object: GraspObject
     position: tuple[float, float, float]
     """Middle of its shape in the world, m."""
     quaternion: tuple[float, float, float, float]
@@ -106,11 +106,11 @@ def object_catalogue() -> dict[str, GraspObject]:
 
 @lru_cache(maxsize=2)
 def _read_all(files: tuple[tuple[Path, int], ...]) -> dict[str, GraspObject]:
-    things = {}
+    objects = {}
     for path, _ in files:  # What was edited since is read again.
         for name, row in read_yaml(path).items():
-            things[name] = _thing(path, name, row)
-    return things
+            objects[name] = _grasp_object(path, name, row)
+    return objects
 
 
 def load_object(name: str) -> GraspObject:
@@ -120,7 +120,7 @@ def load_object(name: str) -> GraspObject:
     return object_catalogue()[name]
 
 
-def _thing(path: Path, name: str, row: dict[str, Any]) -> GraspObject:
+def _grasp_object(path: Path, name: str, row: dict[str, Any]) -> GraspObject:
     shape, size, mass = row["shape"], tuple(value / 1000.0 for value in row["size"]), row["mass"] / 1000.0
     if len(size) != SIZES_OF_KIND[shape]:
         raise ConfigError(f"{path}: {name}: a {shape} has {SIZES_OF_KIND[shape]} sizes, not {len(size)}")
@@ -135,56 +135,55 @@ def add_object(
     `every_shape`: with a geom for each primitive shape, in one order, so that scenes of different things have the same
     layout. Those that the thing does not have are points in its middle, which nothing reaches.
     """
-    thing = placement.thing
-    if any(find(thing.name) is not None for find in (spec.body, spec.joint, spec.geom, spec.mesh)):
+    grasp_object = placement.grasp_object
+    if any(find(grasp_object.name) is not None for find in (spec.body, spec.joint, spec.geom, spec.mesh)):
         other = "give the object another one by its `name`"
-        if thing.shape == "mesh":
+        if grasp_object.shape == "mesh":
             other += ", or rename its file where it is named after that, as with --object"
         raise ConfigError(
-            f"object {thing.name}: another part of the scene has this name, of the hand, of the arm or of what stands "
-            f"there; {other}"
+            f"object {grasp_object.name}: another part of the scene has this name, of the hand, of the arm or of what "
+            f"stands there; {other}"
         )
-    if thing.shape == "mjcf":
+    if grasp_object.shape == "mjcf":
         _attach(spec, placement)
         return
-    body = spec.worldbody.add_body(name=thing.name, pos=placement.position, quat=placement.quaternion)
-    body.add_freejoint(name=thing.name)
-    look = {"friction": friction, "condim": 6, "mass": thing.mass, "name": thing.name} | textures.geom_look(
-        spec, thing.name
-    )
-    if thing.shape == "mesh":
-        _add_mesh(spec, body, thing, look)
+    body = spec.worldbody.add_body(name=grasp_object.name, pos=placement.position, quat=placement.quaternion)
+    body.add_freejoint(name=grasp_object.name)
+    look = {"friction": friction, "condim": 6, "mass": grasp_object.mass, "name": grasp_object.name}
+    look |= textures.geom_look(spec, grasp_object.name)
+    if grasp_object.shape == "mesh":
+        _add_mesh(spec, body, grasp_object, look)
         return
     for shape, kind in _PRIMITIVES.items():
-        if shape == thing.shape:
-            body.add_geom(type=kind, size=_half_sizes(thing), **look)
+        if shape == grasp_object.shape:
+            body.add_geom(type=kind, size=_half_sizes(grasp_object), **look)
         elif every_shape:
             body.add_geom(type=kind, size=[_POINT] * 3, **look | {"name": "", "mass": 0.0})
-    if thing.shape == "cylinder":
-        textures.add_handle(body, thing.name, thing.size[0] / 2)
+    if grasp_object.shape == "cylinder":
+        textures.add_handle(body, grasp_object.name, grasp_object.size[0] / 2)
 
 
-def _half_sizes(thing: GraspObject) -> Array:
+def _half_sizes(grasp_object: GraspObject) -> Array:
     """As a geom of its shape has them, (3,), m."""
-    half = thing.half_extents()
-    used = {"sphere": half[:1], "cylinder": half[1:]}.get(thing.shape, half)
+    half = grasp_object.half_extents()
+    used = {"sphere": half[:1], "cylinder": half[1:]}.get(grasp_object.shape, half)
     return np.concatenate([used, np.zeros(3 - len(used))])
 
 
-def _add_mesh(spec: mujoco.MjSpec, body: mujoco.MjsBody, thing: GraspObject, look: dict[str, Any]) -> None:
+def _add_mesh(spec: mujoco.MjSpec, body: mujoco.MjsBody, grasp_object: GraspObject, look: dict[str, Any]) -> None:
     """What is seen, and has the mass and the inertia of the solid; and the convex pieces that touch."""
-    mesh = thing.mesh()
+    mesh = grasp_object.mesh()
     kind = mujoco.mjtGeom.mjGEOM_MESH
-    made = spec.add_mesh(name=thing.name, uservert=mesh.vertices.ravel(), userface=mesh.faces.ravel())
+    made = spec.add_mesh(name=grasp_object.name, uservert=mesh.vertices.ravel(), userface=mesh.faces.ravel())
     made.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_EXACT
-    body.add_geom(type=kind, meshname=thing.name, contype=0, conaffinity=0, **look)
+    body.add_geom(type=kind, meshname=grasp_object.name, contype=0, conaffinity=0, **look)
     touch = {"type": kind, "mass": 0.0, "group": 3} | {key: look[key] for key in ("friction", "condim")}
-    pieces = thing.pieces()
-    table = spec.geom("table") if len(pieces) > 1 else None
+    parts = grasp_object.convex_parts()
+    table = spec.geom("table") if len(parts) > 1 else None
     if table is not None:
-        touch |= _stood(body, table, thing.name, touch)
-    for number, piece in enumerate(pieces):
-        name = f"{thing.name}/{number}"
+        touch |= _stood(body, table, grasp_object.name, touch)
+    for number, piece in enumerate(parts):
+        name = f"{grasp_object.name}/{number}"
         spec.add_mesh(name=name, uservert=piece.vertices.ravel())
         body.add_geom(name=name, meshname=name, **touch)
 
@@ -198,21 +197,25 @@ def _stood(body: mujoco.MjsBody, table: mujoco.MjsGeom, name: str, touch: dict[s
 
 
 def _attach(spec: mujoco.MjSpec, placement: PlacedObject) -> None:
-    thing = placement.thing
+    grasp_object = placement.grasp_object
     try:
-        child = mujoco.MjSpec.from_file(str(thing.file))
+        child = mujoco.MjSpec.from_file(str(grasp_object.file))
     except (ValueError, OSError) as error:
-        raise ConfigError(f"object {thing.name}: {thing.file}: not a readable MJCF: {_first_line(error)}") from error
+        raise ConfigError(
+            f"object {grasp_object.name}: {grasp_object.file}: not a readable MJCF: {_first_line(error)}"
+        ) from error
     roots = child.worldbody.bodies
     if len(roots) != 1:
-        raise ConfigError(f"object {thing.name}: {thing.file}: must hold one body in its world, not {len(roots)}")
+        raise ConfigError(
+            f"object {grasp_object.name}: {grasp_object.file}: must hold one body in its world, not {len(roots)}"
+        )
     frame = spec.worldbody.add_frame(pos=placement.position, quat=placement.quaternion)
-    body = frame.attach_body(roots[0], f"{thing.name}/", "")
+    body = frame.attach_body(roots[0], f"{grasp_object.name}/", "")
     for joint in list(body.joints):
         spec.delete(joint)
-    body.name = thing.name
+    body.name = grasp_object.name
     body.pos, body.quat = [0, 0, 0], [1, 0, 0, 0]
-    body.add_freejoint(name=thing.name)
+    body.add_freejoint(name=grasp_object.name)
 
 
 def _first_line(error: Exception) -> str:

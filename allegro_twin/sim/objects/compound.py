@@ -26,16 +26,16 @@ def write_compound(parts: Sequence[PlacedObject], path: Path) -> None:
     spec = mujoco.MjSpec()
     body = spec.worldbody.add_body(name="compound")
     for part in parts:
-        kind, size = _geom(part.thing)
+        kind, size = _geom(part.grasp_object)
         body.add_geom(
-            type=kind, size=size, pos=part.position, quat=part.quaternion, mass=part.thing.mass, friction=_SMOOTH,
-            condim=6,
+            type=kind, size=size, pos=part.position, quat=part.quaternion, mass=part.grasp_object.mass,
+            friction=_SMOOTH, condim=6,
         )  # fmt: skip
     spec.compile()  # Only what was compiled is written.
     path.write_text(spec.to_xml())
 
 
-def _geom(thing: GraspObject) -> tuple[mujoco.mjtGeom, list[float]]:
-    kind, which = _GEOMS[thing.shape]
-    half = thing.half_extents()
+def _geom(grasp_object: GraspObject) -> tuple[mujoco.mjtGeom, list[float]]:
+    kind, which = _GEOMS[grasp_object.shape]
+    half = grasp_object.half_extents()
     return kind, [*half[list(which)].tolist(), 0.0, 0.0][:3]

@@ -74,10 +74,10 @@ def convex_parts(mesh: Mesh, what: str) -> tuple[Mesh, ...]:
             seed=_SEED,
         )
         found = _interruptible(cut)
-        pieces = tuple(Mesh(np.asarray(v), np.asarray(f, dtype=np.int64)) for v, f in found)
-        if (apart := surface_excess(pieces, mesh)) < least:
-            best, least = pieces, apart
-        if least <= TOLERANCE or len(pieces) >= MOST:  # Finer cuts would be as many.
+        parts = tuple(Mesh(np.asarray(v), np.asarray(f, dtype=np.int64)) for v, f in found)
+        if (apart := surface_excess(parts, mesh)) < least:
+            best, least = parts, apart
+        if least <= TOLERANCE or len(parts) >= MOST:  # Finer cuts would be as many.
             break
     if least > TOLERANCE:
         log.warning("%s: its %d pieces stand out of its surface by up to %.1f mm", what, len(best), least * 1000)
@@ -113,17 +113,17 @@ def _interruptible(call: Callable[[], T]) -> T:
     return done[0]
 
 
-def surface_excess(pieces: Sequence[Mesh], mesh: Mesh) -> float:
+def surface_excess(parts: Sequence[Mesh], mesh: Mesh) -> float:
     """How far the pieces stand out of the solid, m: the largest distance from its surface of what each has beyond it.
 
     What that is, boolean operations tell; of a surface that Manifold takes for no solid, a grid: then what is within
     its step of the surface, a millimetre or so, counts as outside."""
     soup = fix.Soup(mesh.vertices, mesh.faces)
     solid = fix.manifold_of(soup)
-    parts = [_beyond(fix.Soup(piece.vertices, piece.faces), solid) for piece in pieces]
-    begin = np.cumsum([0, *(len(part.vertices) for part in parts)])
-    faces = [part.faces + first for part, first in zip(parts, begin[:-1], strict=True)]
-    beyond = fix.Soup(np.concatenate([part.vertices for part in parts]), np.concatenate(faces))
+    excess = [_beyond(fix.Soup(piece.vertices, piece.faces), solid) for piece in parts]
+    begin = np.cumsum([0, *(len(part.vertices) for part in excess)])
+    faces = [part.faces + first for part, first in zip(excess, begin[:-1], strict=True)]
+    beyond = fix.Soup(np.concatenate([part.vertices for part in excess]), np.concatenate(faces))
     if not len(beyond.faces):
         return 0.0
     there = np.concatenate([beyond.vertices, sample(beyond, _spacing(beyond))[1]])
@@ -147,8 +147,8 @@ def _key(mesh: Mesh) -> str:
     return fingerprint(mesh.vertices, mesh.faces, settings, Path(__file__))
 
 
-def _store(path: Path, pieces: tuple[Mesh, ...]) -> None:
-    arrays = {f"{kind}{k}": array for k, piece in enumerate(pieces) for kind, array in zip("vf", piece, strict=True)}
+def _store(path: Path, parts: tuple[Mesh, ...]) -> None:
+    arrays = {f"{kind}{k}": array for k, piece in enumerate(parts) for kind, array in zip("vf", piece, strict=True)}
     with atomic_file(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **arrays)  # type: ignore[arg-type]  # Taken for its options.
 

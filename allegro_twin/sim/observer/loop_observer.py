@@ -95,16 +95,16 @@ class LoopObserver:
         for each in (self._firm, self._slack):
             each.noisier(noise)
 
-    def missed(self, told: PositionCommand, gravity: Vector) -> Estimate:
+    def missed(self, command: PositionCommand, gravity: Vector) -> Estimate:
         """A period whose report was lost, in which a command held."""
         for each in (self._firm, self._slack):
             each.missed(np.zeros(self._spec.n_joints))
-        return self.alone(told, gravity)
+        return self.alone(command, gravity)
 
-    def step(self, told: PositionCommand, gravity: Vector, reported: Vector) -> Estimate:
+    def step(self, command: PositionCommand, gravity: Vector, reported: Vector) -> Estimate:
         """A period in which a command held, ended with a report, (n,), rad; NaN for joints whose report was lost."""
         data = self._data
-        predicted, heard = self._predicted(told, gravity), np.isfinite(reported)
+        predicted, heard = self._predicted(command, gravity), np.isfinite(reported)
         error, spread = np.where(heard, reported - predicted, 0.0), self._spread(predicted)
         gain = np.where(self._at_end(), self._slack.gains(heard), self._firm.gains(heard))
         data.qpos += spread @ (gain[0] * error)
@@ -119,9 +119,9 @@ class LoopObserver:
         low, high = self._model.actuator_forcerange[self._motors].T
         return np.asarray((self.torque <= low) | (self.torque >= high))
 
-    def alone(self, told: PositionCommand, gravity: Vector) -> Estimate:
+    def alone(self, command: PositionCommand, gravity: Vector) -> Estimate:
         """A period that no report ends: the disturbance goes on as it is."""
-        return self._estimate(self._predicted(told, gravity))
+        return self._estimate(self._predicted(command, gravity))
 
     def forget(self) -> None:
         """Nothing pushes what is driven any more."""
@@ -132,11 +132,11 @@ class LoopObserver:
         """Go on as another hand, with the strength that it has; its gains stay those of the one that it was."""
         set_joint_losses(self._spec, self._model, change)
 
-    def _predicted(self, told: PositionCommand, gravity: Vector) -> Vector:
+    def _predicted(self, command: PositionCommand, gravity: Vector) -> Vector:
         """What will be reported after one more period, (n,), rad."""
         model, data = self._model, self._data
         model.opt.gravity[:] = gravity
-        self._servos.command(ONE, told.position[None], told.effort, told.duration or 0.0)
+        self._servos.command(ONE, command.position[None], command.effort, command.duration or 0.0)
         data.ctrl[self._motors] = self._servos.commands(ONE)[0]
         mujoco.mj_step(model, data, self._steps)
         return self._lengths.position(data.qpos)

@@ -13,8 +13,8 @@ REINSTALL = "`pip install --force-reinstall allegro-twin` may mend it"
 _OURS = "allegro_twin"
 
 
-def computer_error(error: BaseException, way_out: str = "`allegro-twin doctor` says what mends it") -> str:
-    """One line that says what is missing and where to look; empty for an error of another kind. `way_out`: for the
+def computer_error(error: BaseException, remedy: str = "`allegro-twin doctor` says what mends it") -> str:
+    """One line that says what is missing and where to look; empty for an error of another kind. `remedy`: for the
     import of a package."""
     number = getattr(error, "errno", None)
     if isinstance(error, MemoryError) or number == errno.ENOMEM or any(each in str(error) for each in _MEMORY):
@@ -23,7 +23,7 @@ def computer_error(error: BaseException, way_out: str = "`allegro-twin doctor` s
         return "too many open files: raise the limit (`ulimit -n`)"
     if isinstance(error, (ImportError, OSError)) and (package := imported_package(error)):
         why = (str(error).strip() or type(error).__name__).splitlines()[0]
-        return f"{package} cannot be imported: {why}; {way_out}"
+        return f"{package} cannot be imported: {why}; {remedy}"
     return ""
 
 

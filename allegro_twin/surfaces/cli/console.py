@@ -140,12 +140,12 @@ def _counted(reports: Mapping[tuple[str, str], TrialReport]) -> str:
     )
 
 
-def plan_table(name: str, found: Sequence[PlannedGrasp], asked: int) -> Table:
+def plan_table(name: str, found: Sequence[PlannedGrasp], requested: int) -> Table:
     """One row for each grasp, in the order of the search: rates on the search's draws, and on fresh ones."""
     from allegro_twin.grasping.evaluation.outcomes import make_rate
 
     count = f"{len(found)} grasp{'' if len(found) == 1 else 's'}"
-    fewer = f" of {asked} asked for" if len(found) < asked else ""
+    fewer = f" of {requested} asked for" if len(found) < requested else ""
     table = Table(title=f"{count}{fewer}: {name}" if fewer else f"{count} for {name}", title_style="bold")
     words = ("from", "like", "type")
     for title in ("", *words, "chosen on\ndraws", "held in\nfresh draws", "drift\nlimits left", "motor\nsustains"):

@@ -26,7 +26,7 @@ class ExternalSetpoints:
         self._hand, self._mover, self._speed = hand, hand._mover, speed
         hand._rig.check_speed(np.full(hand.spec.n_joints, speed), "set-points")
         self._pursuit: RateLimitedSetpoint | None = None
-        self._mover.ways.touching(self._mover.state.position)  # Its model is made now, not at the first wish.
+        self._mover.paths.touching(self._mover.state.position)  # Its model is made now, not at the first wish.
 
     def track(self, posture: ArrayLike, what: str = "joint_cmd") -> Vector:
         """Be at a posture, (n,), rad, and go there at no more than the speed; the next one may come at any time.
@@ -99,7 +99,7 @@ class ExternalSetpoints:
         if len(rows) == 2:
             steps = max(int(np.ceil(np.abs(rows[1] - rows[0]).max() / _STEP)), 1)
             rows = np.linspace(rows[0], rows[1], steps + 1)
-        self._mover.ways.check_line(rows, what)
+        self._mover.paths.check_line(rows, what)
 
 
 def _through(here: Vector, times: Vector, postures: Array, velocities: Array | None, late: float) -> TimedPath:

@@ -199,7 +199,7 @@ class Hand:
         moves = straight_line_motion(mover.model, start, targets, speed, euler)
         self._rig.check_speed(moves.begin(start).peak, what)
         rows = [self._posture(waypoint.posture, what) for waypoint in moves.waypoints]
-        mover.ways.check_line(np.array([start, *rows]), what)
+        mover.paths.check_line(np.array([start, *rows]), what)
         mover.follow(mover.position_kind, moves, what, request)
         if wait:
             mover.wait(request=request)
@@ -222,7 +222,7 @@ class Hand:
             mover.wait(request=request)
         now = self.state
         weight = mover.model.gravity_torque(now.position, self.gravity)
-        met = mover.ways.touching(now.position, NEARLY)
+        met = mover.paths.touching(now.position, NEARLY)
         return grasp_outcome(stored, now, mover.model, self.spec, weight, object_width is not None, met)
 
     def wait(self, seconds: float | None = None) -> HandState:
@@ -275,8 +275,8 @@ class Hand:
 
     def _go(self, posture: Posture, speed: float, profile: Profile, wait: bool) -> MotionRequest:
         mover, what = self._mover, posture if isinstance(posture, str) else "the posture"
-        wish, request = Waypoint(self._posture(posture), speed=speed, profile=profile), mover.request(what)
-        legs = mover.planned(lambda start: mover.ways.legs(start, wish, self.limits, what), request)
+        goal, request = Waypoint(self._posture(posture), speed=speed, profile=profile), mover.request(what)
+        legs = mover.planned(lambda start: mover.paths.legs(start, goal, self.limits, what), request)
         mover.follow(mover.position_kind, Moves(legs), what, request)
         if wait:
             mover.wait(request=request)

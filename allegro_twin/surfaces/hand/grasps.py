@@ -69,10 +69,10 @@ def begin(
 ) -> None:
     """Hand over to the grasp, by a way inside joint limits on which no finger meets another before it closes. Raises
     ConfigError before anything moves."""
-    wish, what = grasp.waypoint("preshape"), f"grasp {grasp.name}"
+    goal, what = grasp.waypoint("preshape"), f"grasp {grasp.name}"
     closing = Moves([grasp.waypoint("close"), grasp.waypoint("squeeze", SQUEEZE)])
     mover.check_speed(closing.begin(grasp.preshape).peak, what)
-    approach = mover.planned(lambda start: mover.ways.legs(start, wish, limits, what), request)
+    approach = mover.planned(lambda start: mover.paths.legs(start, goal, limits, what), request)
     state = mover.state
     motion = timed(grasp, state.position, approach)
     controller: Controller[Any]

@@ -31,7 +31,7 @@ class LiveControl:
 
     def prepare(self) -> None:
         """Make now what the first wish would wait for."""
-        self._mover.ways.touching(self._mover.state.position)
+        self._mover.paths.touching(self._mover.state.position)
 
     @property
     def stopped(self) -> bool:
@@ -84,7 +84,7 @@ class LiveControl:
         start = np.clip(mover.state.position, spec.lower, spec.upper)
         travel = np.abs(goal - start)
         self._rig.check_speed(speed * travel / max(float(travel.max()), 1e-9), what)
-        mover.ways.check_line(postures_on_line(start, goal), what)
+        mover.paths.check_line(postures_on_line(start, goal), what)
         mover.steer(goal, speed, what)
 
     def use_gains(self, name: str) -> None:

@@ -102,7 +102,7 @@ class MotionMonitor:
         return bool(self._stuck)
 
     @property
-    def words(self) -> str:
+    def text(self) -> str:
         """What is stuck, the furthest from its place first."""
         worst = sorted(self._stuck.items(), key=lambda item: -item[1])
         rest = f" and {len(worst) - 3} more" if len(worst) > 3 else ""
@@ -158,7 +158,7 @@ class MotionControl:
 
     def __init__(self, rig: Rig, gains: Gains, *, background: bool, first: FirstController | None = None) -> None:
         self._rig, self.gains = rig, gains
-        self.model, self.ways = hand_kinematics(rig.spec), CollisionFreePaths(rig.spec, rig.check_speed)
+        self.model, self.paths = hand_kinematics(rig.spec), CollisionFreePaths(rig.spec, rig.check_speed)
         self.kinds = KINDS if "torque" in rig.spec.commands else FIRMWARES
         """The controllers that this hand can have: the first lets go of it."""
         self.kind: Kind | str = self.kinds[0] if first is None else first.kind
@@ -369,14 +369,14 @@ class MotionControl:
         watch, state = self._watch, sample.state
         if watch is None or not watch(sample):
             return
-        parts = " and ".join(dict.fromkeys(part for pair in self.ways.touching(state.position) for part in pair))
+        parts = " and ".join(dict.fromkeys(part for pair in self.paths.touching(state.position) for part in pair))
         met = f"{parts} touch" if parts else "something is in the way"
         hold = Hold(state.position)
         with self._changing:
             if self._watch is not watch:
                 return  # Somebody wanted something else in the meantime.
             self._relay.switch(self._position(self.still_kind, hold))
-            words = f"{watch.goal.what} stalled: {watch.words} short; {met}. The hand holds where it is"
+            words = f"{watch.goal.what} stalled: {watch.text} short; {met}. The hand holds where it is"
             self.kind, self.stalled, self._told = self.still_kind, MotionStalled(words), False
             self._watch = self._watched(Goal(hold.begin(state.position), state.t, 0.0))
 

@@ -40,7 +40,7 @@ def describe_hand(
         gains_names(rig.spec),
         gains,
         _scenarios(rig.spec) if choice else (),
-        _things() if choice else (),
+        _object_names() if choice else (),
         config.task.scenario,
         config.task.object,
         _no_tips(rig.spec),
@@ -69,7 +69,7 @@ def scene_of(config: RunConfig, request: OpenScene) -> RunConfig:
     if request.scenario is None:
         home = {"task": {"posture": "home"}} if posture_names(config.hand.model) else {}
         return parse_settings(RunConfig, content | home, "the scene")
-    task = {"scenario": request.scenario} | ({} if request.thing is None else {"object": request.thing})
+    task = {"scenario": request.scenario} | ({} if request.object_name is None else {"object": request.object_name})
     return parse_settings(RunConfig, content | {"task": task, "controller": following(config.hand)}, "the scene")
 
 
@@ -95,7 +95,7 @@ def _scenarios(spec: HandSpec) -> tuple[str, ...]:
     return tuple(sorted(p.stem for p in found if "grasps" not in p.relative_to(folder).parts[:-1]))
 
 
-def _things() -> tuple[str, ...]:
+def _object_names() -> tuple[str, ...]:
     from allegro_twin.sim.objects.catalogue import object_catalogue
 
     return tuple(object_catalogue())

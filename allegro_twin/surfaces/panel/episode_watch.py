@@ -15,7 +15,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.orientation import gravity_from_quaternion
 from allegro_twin.learning.environments.episode import EpisodeBackend, EpisodeScene
 from allegro_twin.learning.mpc.controller import MpcController
-from allegro_twin.learning.tasks.scenes import THING
+from allegro_twin.learning.tasks.scenes import OBJECT
 from allegro_twin.surfaces.panel.stream import goals_reached
 from allegro_twin.types import Array, PositionCommand, Sample, TorqueCommand, Vector
 
@@ -63,7 +63,7 @@ class EpisodeWatch:
     @property
     def objects(self) -> tuple[str, ...]:
         """Names of its objects in the scene."""
-        return () if self._task.thing is None else (THING,)
+        return () if self._task.object_body is None else (OBJECT,)
 
     @property
     def turns(self) -> bool:

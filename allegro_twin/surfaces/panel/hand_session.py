@@ -249,10 +249,10 @@ class HandSession:
             raise ConfigError("there is no simulated object to pull with the mouse")
         if self.hand.direct.stopped:
             raise ConfigError("nothing is pulled until the stop is released")
-        things, point, target = rig.trial.things, np.array(request.point), np.array(request.target)
-        if not 0 <= request.number < len(things) or not np.isfinite([point, target]).all():
+        objects, point, target = rig.trial.objects, np.array(request.point), np.array(request.target)
+        if not 0 <= request.number < len(objects) or not np.isfinite([point, target]).all():
             raise ConfigError(f"there is no object {request.number} at such a place")
-        rig.sim.drag(things[request.number].thing.name, point, target)
+        rig.sim.drag(objects[request.number].grasp_object.name, point, target)
 
     def _drop(self) -> None:
         if self.rig.sim is not None:
@@ -346,7 +346,7 @@ class HandSession:
             return {}
         drag, point, force = now
         name = rig.sim.model.body(drag.body).name
-        number = [placed.thing.name for placed in rig.trial.things].index(name)
+        number = [placed.grasp_object.name for placed in rig.trial.objects].index(name)
         return {"drag": np.concatenate([[number], point, drag.target, force])}
 
     def _frame(self, sample: Sample) -> StreamFrame:
@@ -370,7 +370,7 @@ def scene_observer(rig: Rig) -> Callable[[], Mapping[str, Array]]:
         return lambda: {"palm": np.concatenate([data.xpos[palm], data.xquat[palm]])}
     from allegro_twin.sim.contact.probe import ObjectProbe
 
-    first, *rest = [placed.thing.name for placed in rig.trial.things]
+    first, *rest = [placed.grasp_object.name for placed in rig.trial.objects]
     probe, others = ObjectProbe(model, data, rig.spec, first), [model.body(name).id for name in rest]
     return lambda: probe() | {"others": np.hstack([data.xpos[others], data.xquat[others]])}
 

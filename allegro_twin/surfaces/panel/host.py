@@ -70,7 +70,7 @@ class Host:
             while True:
                 self.turn()
 
-    def serve_beside(self) -> str:
+    def serve_in_background(self) -> str:
         """Serve in a thread, until `close`; the page's address. Raises as `serve` does."""
         self.begin()
         address = self._page.address()

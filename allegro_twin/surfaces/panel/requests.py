@@ -135,7 +135,7 @@ class OpenScene:
     config has it. `perform`: and do what the scenario, or the config, is for."""
 
     scenario: str | None
-    thing: str | None
+    object_name: str | None
     perform: bool
 
 

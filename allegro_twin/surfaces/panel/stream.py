@@ -72,9 +72,9 @@ class SessionInfo:
     """The gains in use."""
     scenarios: tuple[str, ...] = ()
     """Empty: the scene of this hand cannot be changed from here."""
-    things: tuple[str, ...] = ()
+    object_names: tuple[str, ...] = ()
     scenario: str | None = None
-    thing: str | None = None
+    object_name: str | None = None
     no_tips: str = ""
     """Why fingertips cannot be dragged; empty: they can."""
     no_drag: str = ""

@@ -43,10 +43,10 @@ def open_bridge(
     """
     from allegro_twin.surfaces.ros.node import Node
 
-    words = ros_types_by_name(distro)
-    node = Node(words, NODE, namespace, domain, network=network)
+    types = ros_types_by_name(distro)
+    node = Node(types, NODE, namespace, domain, network=network)
     try:
-        bridge = RosBridge(HandTopics(hand, words, rate=rate, speed=speed), node, on_refusal)
+        bridge = RosBridge(HandTopics(hand, types, rate=rate, speed=speed), node, on_refusal)
         node.announce()
         yield bridge
     finally:
@@ -65,10 +65,10 @@ def open_ros1(
     """Put a hand on ROS 1, by rospy, at the master of ROS_MASTER_URI; arguments as of `open_bridge`."""
     from allegro_twin.surfaces.ros.ros1 import Ros1Node
 
-    words = ros_types()
-    node = Ros1Node(words, NODE, namespace)
+    types = ros_types()
+    node = Ros1Node(types, NODE, namespace)
     try:
-        yield RosBridge(HandTopics(hand, words, rate=rate, speed=speed), node, on_refusal)
+        yield RosBridge(HandTopics(hand, types, rate=rate, speed=speed), node, on_refusal)
     finally:
         node.close()
 
@@ -88,10 +88,10 @@ def open_cell(
     from allegro_twin.surfaces.ros.cell_topics import CellTopics
     from allegro_twin.surfaces.ros.node import Node
 
-    words, over = ros_types_by_name(distro), threading.Event()
-    node = Node(words, NODE, namespace, domain)
+    types, over = ros_types_by_name(distro), threading.Event()
+    node = Node(types, NODE, namespace, domain)
     try:
-        bridge = RosBridge(CellTopics(cell, words, remote, rate=rate), node, _ignore)
+        bridge = RosBridge(CellTopics(cell, types, remote, rate=rate), node, _ignore)
         node.announce()
         thread = threading.Thread(target=bridge.serve, args=(over.is_set,), name="allegro_twin ros cell", daemon=True)
         thread.start()

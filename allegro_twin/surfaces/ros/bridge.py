@@ -39,12 +39,12 @@ class SessionTopics:
     occupied = "another program is obeyed"
     """The refusal of a command while another program is obeyed."""
 
-    def __init__(self, words: v.RosTypes, name: str, rate: float) -> None:
+    def __init__(self, types: v.RosTypes, name: str, rate: float) -> None:
         """`name` stands in the log; `rate`: Hz, of samples that are published. Raises ConfigError for a rate that is
         not positive."""
         if not 0.0 < rate <= 1000.0:
             raise ConfigError(f"--rate must be above 0 and at most 1000 Hz, not {rate:g}")
-        self._words, self._name, self._interval, self._due = words, name, 1.0 / rate, 0.0
+        self._types, self._name, self._interval, self._due = types, name, 1.0 / rate, 0.0
 
     def attached(self, observer: Callable[[SessionEvent], None]) -> AbstractContextManager[None]:
         """While this lasts, the observer gets the session's events; a cell calls its observers by itself."""
@@ -79,9 +79,9 @@ class SessionTopics:
 
     def log(self, stamp: int, topic: str, text: str, *, bad: bool = True) -> Publication:
         """A line of ROS's log."""
-        level, words = _WARN if bad else _INFO, self._words
-        return "/rosout", words.make(
-            v.LOG, stamp=words.time(stamp), level=level, name=self._name, msg=text, file="", function=topic, line=0
+        level, types = _WARN if bad else _INFO, self._types
+        return "/rosout", types.make(
+            v.LOG, stamp=types.time(stamp), level=level, name=self._name, msg=text, file="", function=topic, line=0
         )
 
     def _is_due(self, t: float) -> bool:

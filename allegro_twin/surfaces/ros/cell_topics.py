@@ -68,11 +68,11 @@ class CellTopics(SessionTopics):
     occupied = f"another program leads the cell; this one is obeyed after {QUIET:g} s of quiet"
 
     def __init__(
-        self, cell: Cell, words: v.RosTypes, remote: RemoteControl | None = None, *, rate: float = 100.0
+        self, cell: Cell, types: v.RosTypes, remote: RemoteControl | None = None, *, rate: float = 100.0
     ) -> None:
         """`remote` carries out commands; None: the state machine leads the cell. Raises ConfigError for a rate, Hz,
         that is not positive."""
-        super().__init__(words, cell.hand.spec.name, rate)
+        super().__init__(types, cell.hand.spec.name, rate)
         self._cell, self._remote, self._sample = cell, remote, None
         self._arm, self._hand = LinkFrames(cell.robot.spec), LinkFrames(cell.hand.spec)
         self._latest: DeviceSample | None = None
@@ -85,19 +85,19 @@ class CellTopics(SessionTopics):
             PLANNING._replace(name=names.planning_scene or ""),
         ]
         if names.planning_scene is not None:
-            register_moveit(words)
+            register_moveit(types)
         self.published = (*PUBLISHED, *(topic for topic in further if topic.name))
 
     def closed(self) -> str:
         return "" if self._remote else "the state machine leads the cell; begin it with --follow to lead it from here"
 
     def first(self, stamp: int) -> Iterator[Publication]:
-        still = self._hand.static_transforms(self._words, stamp)
+        still = self._hand.static_transforms(self._types, stamp)
         base = np.array([*self._cell.robot.base.position, 1.0, 0.0, 0.0, 0.0])
-        still.transforms.append(build.transform(self._words, stamp, build.WORLD, self._arm.root, base))
+        still.transforms.append(build.transform(self._types, stamp, build.WORLD, self._arm.root, base))
         if self._names.target_security is not None:
             wait = pose_numbers(self._cell.security)
-            still.transforms.append(build.transform(self._words, stamp, build.WORLD, self._names.target_security, wait))
+            still.transforms.append(build.transform(self._types, stamp, build.WORLD, self._names.target_security, wait))
         yield "/tf_static", still
 
     def messages(self, event: SessionEvent) -> Maker | None:
@@ -116,32 +116,32 @@ class CellTopics(SessionTopics):
         return None
 
     def _moment(self, stamp: int, arm: DeviceSample, hand: DeviceSample) -> Iterator[Publication]:
-        words, extras, specs = self._words, arm.extras, (self._cell.robot.spec, self._cell.hand.spec)
+        types, extras, specs = self._types, arm.extras, (self._cell.robot.spec, self._cell.hand.spec)
         states = (arm.sample.state, hand.sample.state)
-        yield STATES, build.joint_states(words, stamp, list(zip(specs, states, strict=True)))
-        yield POSE, build.pose(words, stamp, build.WORLD, extras["tool"])
-        yield WRENCH, build.wrench(words, stamp, build.WORLD, extras["force"])
-        links = self._arm.transforms_at(words, stamp, states[0].position)
-        links.transforms.extend(self._hand.transforms_at(words, stamp, states[1].position).transforms)
+        yield STATES, build.joint_states(types, stamp, list(zip(specs, states, strict=True)))
+        yield POSE, build.pose(types, stamp, build.WORLD, extras["tool"])
+        yield WRENCH, build.wrench(types, stamp, build.WORLD, extras["force"])
+        links = self._arm.transforms_at(types, stamp, states[0].position)
+        links.transforms.extend(self._hand.transforms_at(types, stamp, states[1].position).transforms)
         names = self._names
         for frame, name in (
             (self._hand.root, "tool"), (_GOAL, "goal"), (names.hand_frame, "tool"), (names.target_arm, "goal")
         ):  # fmt: skip
             if frame is not None:
-                links.transforms.append(build.transform(words, stamp, build.WORLD, frame, extras[name]))
+                links.transforms.append(build.transform(types, stamp, build.WORLD, frame, extras[name]))
         yield "/tf", links
         for topic, device in zip((names.arm_states, names.hand_states), zip(specs, states, strict=True), strict=True):
             if topic is not None:
-                yield topic, build.joint_states(words, stamp, [device])
+                yield topic, build.joint_states(types, stamp, [device])
 
     def _picture(self, stamp: int, row: Mapping[str, Any]) -> Iterator[Publication]:
-        words, depth = self._words, row["depth"]
+        types, depth = self._types, row["depth"]
         fx, fy, cx, cy = row["lens"]
         metres = np.where(depth == 0, np.nan, depth / 1000.0).astype(np.float32)
         points = Intrinsics(depth.shape[1], depth.shape[0], fx, fy, cx, cy).cloud(metres)
-        yield POINTS, build.cloud(words, stamp, CAMERA, points)
-        place = build.transform(words, stamp, build.WORLD, CAMERA, row["camera"])
-        yield "/tf", words.make(v.TF, transforms=[place])
+        yield POINTS, build.cloud(types, stamp, CAMERA, points)
+        place = build.transform(types, stamp, build.WORLD, CAMERA, row["camera"])
+        yield "/tf", types.make(v.TF, transforms=[place])
 
     def _seen(self, row: Mapping[str, Any]) -> Maker | None:
         """Frames of what perception found."""
@@ -153,8 +153,8 @@ class CellTopics(SessionTopics):
         return (lambda stamp: self._frames(stamp, placed)) if placed else None
 
     def _frames(self, stamp: int, placed: Sequence[tuple[str, Vector]]) -> Iterator[Publication]:
-        made = [build.transform(self._words, stamp, build.WORLD, frame, pose) for frame, pose in placed]
-        yield "/tf", self._words.make(v.TF, transforms=made)
+        made = [build.transform(self._types, stamp, build.WORLD, frame, pose) for frame, pose in placed]
+        yield "/tf", self._types.make(v.TF, transforms=made)
 
     def _state(self, stamp: int, row: Mapping[str, Any]) -> Iterator[Publication]:
         if "clutter" in row and self._found is not None:
@@ -173,14 +173,14 @@ class CellTopics(SessionTopics):
         objects = scene_objects(found, row["clutter"])
         gone = [f"object_{k}" for k in range(len(row["clutter"]), self._clutter)]
         self._clutter = len(row["clutter"])
-        yield self._names.planning_scene, planning_scene(self._words, stamp, build.WORLD, objects, gone)
+        yield self._names.planning_scene, planning_scene(self._types, stamp, build.WORLD, objects, gone)
 
     def execute(self, topic: str, data: bytes, sender: UUID) -> float:
         assert self._remote is not None
         if topic == TARGET:
             self._remote.command(PalmCommand(self._pose(data)))
             return 0.0
-        message = self._words.decode(data, v.TRAJECTORY)
+        message = self._types.decode(data, v.TRAJECTORY)
         if not message.points:
             self._remote.command(StayCommand())
             return 0.0
@@ -189,7 +189,7 @@ class CellTopics(SessionTopics):
         return float(times[-1]) + late
 
     def _pose(self, data: bytes) -> Pose:
-        message = self._words.decode(data, v.POSE)
+        message = self._types.decode(data, v.POSE)
         pose, frame, base = build.pose_in(message, "target_frame"), message.header.frame_id, self._arm.root
         if frame == base:
             return compose(self._cell.robot.base, pose)

@@ -64,7 +64,7 @@ class HandTopics(SessionTopics):
     def __init__(
         self,
         hand: Hand,
-        words: v.RosTypes,
+        types: v.RosTypes,
         *,
         rate: float = 100.0,
         speed: float = 2.0,
@@ -73,7 +73,7 @@ class HandTopics(SessionTopics):
         """`rate`: Hz, of what is published; `speed`: rad/s, of motions without a time; `clock`: ns since 1970. Raises
         ConfigError for a rate that is not positive."""
         spec = hand.spec
-        super().__init__(words, spec.name + (f" {spec.serial}" if spec.serial else ""), rate)
+        super().__init__(types, spec.name + (f" {spec.serial}" if spec.serial else ""), rate)
         self._hand, self._spec, self._clock, self._speed = hand, spec, clock, speed
         self._frames, self._model = LinkFrames(spec), hand_kinematics(spec)
         self._outside = ExternalSetpoints(hand, speed)
@@ -103,8 +103,8 @@ class HandTopics(SessionTopics):
         _ = self._hand.state  # Raises what ended the loop.
 
     def first(self, stamp: int) -> Iterator[Publication]:
-        yield "robot_description", self._words.make(v.STRING, data=urdf_text(self._spec))
-        yield "/tf_static", self._frames.static_transforms(self._words, stamp)
+        yield "robot_description", self._types.make(v.STRING, data=urdf_text(self._spec))
+        yield "/tf_static", self._frames.static_transforms(self._types, stamp)
 
     def messages(self, event: SessionEvent) -> Maker | None:
         assert isinstance(event, DeviceSample)
@@ -120,12 +120,12 @@ class HandTopics(SessionTopics):
             yield self.health(stamp, self._latest, str(error))
 
     def _sample(self, stamp: int, sample: Sample) -> Iterator[Publication]:
-        words, state = self._words, sample.state
-        yield "joint_states", build.joint_states(words, stamp, [(self._spec, state)])
-        yield "/tf", self._frames.transforms_at(words, stamp, state.position)
+        types, state = self._types, sample.state
+        yield "joint_states", build.joint_states(types, stamp, [(self._spec, state)])
+        yield "/tf", self._frames.transforms_at(types, stamp, state.position)
         for finger, force in self._fingertip_forces(sample).items():
             tip, wrench = self._spec.finger(finger).tip, np.append(force, np.zeros(3))
-            yield WRENCH.format(finger=finger), build.wrench(words, stamp, tip, wrench)
+            yield WRENCH.format(finger=finger), build.wrench(types, stamp, tip, wrench)
         if stamp - self._reported >= 10**9:
             self._reported = stamp
             yield self.health(stamp, sample)
@@ -143,7 +143,7 @@ class HandTopics(SessionTopics):
             "clipped set-points": str(hand.clipped),
             "hottest motor": "not reported" if np.isnan(temperature).all() else f"{np.nanmax(temperature):.0f} °C",
         }
-        return "/diagnostics", build.diagnostics(self._words, stamp, self._name, level, text, values)
+        return "/diagnostics", build.diagnostics(self._types, stamp, self._name, level, text, values)
 
     def _fingertip_forces(self, sample: Sample) -> dict[str, Vector]:
         """The force on each fingertip, (3,), N, in the tip's frame, by the joint torques of a hand at rest:
@@ -162,11 +162,11 @@ class HandTopics(SessionTopics):
         return found
 
     def is_stop(self, topic: str, data: bytes) -> bool:
-        return topic == "lib_cmd" and self._words.decode(data, v.STRING).data == OFF
+        return topic == "lib_cmd" and self._types.decode(data, v.STRING).data == OFF
 
     def execute(self, topic: str, data: bytes, sender: UUID) -> float:
         kind, action = self._actions[topic]
-        return action(self._words.decode(data, kind), sender)
+        return action(self._types.decode(data, kind), sender)
 
     def _joint_cmd(self, message: Any, sender: UUID) -> float:
         stamp, last = v.nanoseconds(message.header.stamp), self._stamps.get(sender, 0)

@@ -38,17 +38,17 @@ def dds_name(kind: str) -> str:
 
 
 @cache
-def struct(words: RosTypes, kind: str) -> type[IdlStruct]:
+def struct(types: RosTypes, kind: str) -> type[IdlStruct]:
     """The type with its fields, which Cyclone DDS can read and write by itself."""
-    fields = {name: _field(words, shape) for name, shape in words.fields(kind)}
+    fields = {name: _field(types, shape) for name, shape in types.fields(kind)}
     made: type[IdlStruct] = make_idl_struct(kind.split("/")[-1], dds_name(kind).replace("::", "."), fields)
     return made
 
 
 @cache
-def wire(words: RosTypes, kind: str) -> type[Any]:
+def wire(types: RosTypes, kind: str) -> type[Any]:
     """Message type with the same name, whose samples are CDR bytes that stay undecoded."""
-    inner = struct(words, kind)
+    inner = struct(types, kind)
 
     class Wire(inner):  # type: ignore[misc, valid-type]  # The base is made at run time.
         def __init__(self, data: bytes) -> None:
@@ -65,13 +65,13 @@ def wire(words: RosTypes, kind: str) -> type[Any]:
     return Wire
 
 
-def _field(words: RosTypes, shape: tuple[Any, Any]) -> Any:
+def _field(types: RosTypes, shape: tuple[Any, Any]) -> Any:
     node, args = shape
     if node == Nodetype.BASE:
         return _BASE[args[0]]
     if node == Nodetype.NAME:
-        return struct(words, args)
-    inner, length = _field(words, args[0]), args[1]
+        return struct(types, args)
+    inner, length = _field(types, args[0]), args[1]
     return array[inner, length] if node == Nodetype.ARRAY else sequence[inner]
 
 
@@ -102,8 +102,8 @@ class Node:
     """One participant with one node. Nothing waits here but `wait`. Raises ConfigError for a name or a domain that ROS
     does not allow, LinkError where the network does not let it."""
 
-    def __init__(self, words: RosTypes, name: str, namespace: str, domain: int, *, network: bool = False) -> None:
-        self.types, self.name, self.namespace = words, name, checked(namespace)
+    def __init__(self, types: RosTypes, name: str, namespace: str, domain: int, *, network: bool = False) -> None:
+        self.types, self.name, self.namespace = types, name, checked(namespace)
         if not 0 <= domain <= HIGHEST:
             raise ConfigError(f"ROS_DOMAIN_ID must be 0 to {HIGHEST}, not {domain}")
         if not NAME.fullmatch(name):

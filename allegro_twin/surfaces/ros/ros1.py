@@ -18,8 +18,8 @@ TF = "tf2_msgs/msg/TFMessage"
 class Ros1Node:
     """One node at a master. Raises ConfigError without rospy, LinkError without a master."""
 
-    def __init__(self, words: v.RosTypes, name: str, namespace: str) -> None:
-        self.types, self.name, self.namespace = words, name, checked(namespace)
+    def __init__(self, types: v.RosTypes, name: str, namespace: str) -> None:
+        self.types, self.name, self.namespace = types, name, checked(namespace)
         self._ros, graph = _rospy()
         if not graph.is_master_online():
             raise LinkError(f"no ROS 1 master at {graph.get_master_uri()}: start roscore, or set ROS_MASTER_URI")

@@ -20,7 +20,7 @@ _PARTS = (1.0, 0.5, 0.25)
 _ROUNDING = 1e-6  # rad. The solver's posture may be so far beyond a limit that it keeps.
 WHAT = "teleop"
 Retarget = Callable[[Array], Vector]
-Told = Callable[[str], None]
+StatusCallback = Callable[[str], None]
 
 
 @dataclass(slots=True)
@@ -44,13 +44,14 @@ class HandFollower:
         hand: Hand,
         targets: FingertipTargets,
         retarget: Retarget,
-        told: Told,
+        on_status: StatusCallback,
         *,
         speed: float = 2.0,
         patience: float = 0.3,
     ) -> None:
-        """`speed`: rad/s, of joints at most; `told` hears when a hand is lost and seen again. Raises ConfigError."""
-        self._hand, self._targets, self._retarget, self._told = hand, targets, retarget, told
+        """`speed`: rad/s, of joints at most; `on_status` is called when a hand is lost and seen again. Raises
+        ConfigError."""
+        self._hand, self._targets, self._retarget, self._on_status = hand, targets, retarget, on_status
         self._outside, self._patience = ExternalSetpoints(hand, speed), patience
         self._outside.nominal()
         self._before: tuple[float, Array] | None = None
@@ -62,7 +63,7 @@ class HandFollower:
         """A frame at a time of the hand, s: landmarks (21, 3), m, NaN where none was seen."""
         if self._believable(t, landmarks):
             if self._holding:
-                self._told(f"{t:.1f} s: a hand is seen, and followed")
+                self._on_status(f"{t:.1f} s: a hand is seen, and followed")
             self._believed, self._holding = t, False
             self.tally.followed += 1
             self._lead(self._retarget(self._targets(landmarks)))
@@ -73,7 +74,7 @@ class HandFollower:
         if self._holding or t - self._believed <= self._patience:
             return
         self._holding, self._before = True, None
-        self._told(f"{t:.1f} s: no hand is followed since {self._believed:.1f} s ({self._why}); the hand holds")
+        self._on_status(f"{t:.1f} s: no hand is followed since {self._believed:.1f} s ({self._why}); the hand holds")
         self._goal = self._inside(self._outside.rest())
 
     def _believable(self, t: float, landmarks: Array) -> bool:

@@ -10,7 +10,7 @@ from allegro_twin.app.config import RunConfig
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.spec import Side
 from allegro_twin.surfaces.hand import Hand
-from allegro_twin.surfaces.teleop.follower import HandFollower, Told
+from allegro_twin.surfaces.teleop.follower import HandFollower, StatusCallback
 from allegro_twin.surfaces.teleop.retargeting import Retargeting
 from allegro_twin.surfaces.teleop.targets import FingertipTargets
 from allegro_twin.surfaces.teleop.tracks import HandTrack
@@ -20,10 +20,16 @@ from allegro_twin.types import Array
 
 @contextmanager
 def open_follower(
-    config: RunConfig, side: Side, told: Told, *, speed: float = 2.0, patience: float = 0.3, background: bool = True
+    config: RunConfig,
+    side: Side,
+    on_status: StatusCallback,
+    *,
+    speed: float = 2.0,
+    patience: float = 0.3,
+    background: bool = True,
 ) -> Iterator[tuple[Hand, HandFollower]]:
-    """Open a hand and what leads it after one of a person's hands, by dex-retargeting in a process of its own. `told`
-    hears when a hand is lost and seen again; `speed`: rad/s; `patience`: s. Raises HandError."""
+    """Open a hand and what leads it after one of a person's hands, by dex-retargeting in a process of its own.
+    `on_status` is called when a hand is lost and seen again; `speed`: rad/s; `patience`: s. Raises HandError."""
     spec = load_spec(config.hand.model, config.hand.side, config.hand.serial)
     targets = FingertipTargets(spec, side)
     # The hand comes last: it is not kept waiting, motors on, for what takes seconds or is not installed.
@@ -31,7 +37,7 @@ def open_follower(
         WorkerProcess(Retargeting(spec, targets.vectors)) as retarget,
         Hand.open(config, background=background) as hand,
     ):
-        yield hand, HandFollower(hand, targets, retarget, told, speed=speed, patience=patience)
+        yield hand, HandFollower(hand, targets, retarget, on_status, speed=speed, patience=patience)
 
 
 _BEAT = 0.02  # s between two looks at whether a frame is due.

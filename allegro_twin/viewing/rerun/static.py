@@ -68,8 +68,8 @@ def draw_ghost_object(stream: rr.RecordingStream, scene: Scenery, under: str) ->
     draw_shapes(stream, f"{under}/{name}/look", shapes, ghost=True)
 
 
-def draw_verdict(stream: rr.RecordingStream, scene: Scenery, held: Mapping[str, bool], words: str) -> None:
-    """Beside the phases that were checked whether it was `held` in them, and the `words` (Markdown) for all of it."""
+def draw_verdict(stream: rr.RecordingStream, scene: Scenery, held: Mapping[str, bool], text: str) -> None:
+    """Beside the phases that were checked whether it was `held` in them, and the `text` (Markdown) for all of it."""
     times, states = [0.0], [""]
     for name, begin, end in scene.phases:
         if name in held:
@@ -78,7 +78,7 @@ def draw_verdict(stream: rr.RecordingStream, scene: Scenery, held: Mapping[str, 
             times += [begin, end]
             states += ["held" if held[name] else "not held", ""]
     _states(stream, "trial/verdict", times, states)
-    stream.log("verdict", rr.TextDocument(words, media_type=rr.MediaType.MARKDOWN), static=True)
+    stream.log("verdict", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
 
 def _states(stream: rr.RecordingStream, path: str, times: list[float], names: list[str]) -> None:

@@ -85,10 +85,10 @@ class Viewer:
         self._stream.log("mirror/event", rr.StateChange(state=what))
         self._stream.reset_time()
 
-    def conclude(self, held: Mapping[str, bool], words: str) -> None:
+    def conclude(self, held: Mapping[str, bool], text: str) -> None:
         """Show how the trial ended: in each phase that was checked, and as text (Markdown)."""
         self._rows.send()
-        draw_verdict(self._stream, self._scene, held, words)
+        draw_verdict(self._stream, self._scene, held, text)
 
     def spawn(self) -> Self:
         """Open the native viewer. Raises ConfigError where there is no screen for it."""

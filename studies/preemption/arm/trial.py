@@ -75,10 +75,10 @@ class ArmBench:
         stage = make_stage(parse_settings(Scenario, content, name), timeline, "right", data_root())
         arm, period = self.arm, self.study.period
         robot = make_arm_with_hand(
-            arm.model, self.spec, things=stage.things, posture=ready.posture, hand_posture=ready.preshape,
+            arm.model, self.spec, objects=stage.objects, posture=ready.posture, hand_posture=ready.preshape,
             friction=1.0, physics=physics.physics(), periods=(period, period), collision=arm.collision,
         )  # fmt: skip
-        return _Scene(robot, name, ready, 2.0 * float(stage.things[0].thing.half_extents().min()))
+        return _Scene(robot, name, ready, 2.0 * float(stage.objects[0].grasp_object.half_extents().min()))
 
 
 class _Scene:

@@ -63,14 +63,14 @@ def driven(robot: ArmWithHand, seconds: float, hand: Controller[Any] | None = No
 
 @pytest.mark.parametrize("model", HANDS)
 def test_any_hand_hangs_on_the_flange_and_the_arm_stays_where_it_is(model: str) -> None:
-    robot = make_arm_with_hand("fer", load_spec(model), things=[CAN])
+    robot = make_arm_with_hand("fer", load_spec(model), objects=[CAN])
     arm, hand = driven(robot, 0.3)
     assert (len(arm), len(hand)) == (301, 101)
     assert (
         np.linalg.norm(robot.model.pose(arm[-1].state.position).position - robot.model.pose(robot.spec.ready).position)
         < 5e-3
     )
-    np.testing.assert_allclose(robot.thing("tomato_soup_can").position, [0.1, 0.0, 0.0505], atol=2e-3)
+    np.testing.assert_allclose(robot.object_pose("tomato_soup_can").position, [0.1, 0.0, 0.0505], atol=2e-3)
     palm = robot.world.data.body("palm_link")
     np.testing.assert_allclose(robot.palm(arm[-1].state).position, palm.xpos, atol=1e-3)
     camera = robot.world.data.site(CAMERA)
@@ -93,7 +93,7 @@ def test_neither_arm_nor_hand_misses_a_period_of_the_one_clock() -> None:
 
 
 def test_a_cell_repeats_itself_bit_for_bit() -> None:
-    robot = make_arm_with_hand("fer", load_spec(), things=[CAN])
+    robot = make_arm_with_hand("fer", load_spec(), objects=[CAN])
     hand = PD(Moves([Waypoint(load_spec().rest + 0.3, speed=2.0)]), load_gains("default", load_spec()))
     first, again = driven(robot, 0.2, hand), driven(robot, 0.2, hand)
     for before, after in zip(first[0] + first[1], again[0] + again[1], strict=True):
@@ -267,7 +267,7 @@ def test_an_arm_picks_up_a_can_and_feels_what_it_weighs() -> None:
     above = Pose(np.array([0.05, 0.0, 0.19]), np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]))
     plan = make_arm_with_hand("fer", spec)
     robot = make_arm_with_hand(
-        "fer", spec, things=[can], posture=plan.model.reach(plan.flange_for(above), plan.spec.ready)
+        "fer", spec, objects=[can], posture=plan.model.reach(plan.flange_for(above), plan.spec.ready)
     )
     target = CartesianTarget(robot.model.pose(robot.arm_sim.posture))
     closing = PositionControl(Moves([Waypoint(np.array([0.0, 2.6, 2.6, 2.6]), speed=3.0)]))
@@ -277,5 +277,5 @@ def test_an_arm_picks_up_a_can_and_feels_what_it_weighs() -> None:
             target.move(robot.flange_for(Pose(above.position + np.array([0.0, 0.0, 0.1]), above.rotation)))
         if turn == 0 and sample.state.tick == 3500:
             break
-    assert robot.thing("tomato_soup_can").position[2] > 0.13
+    assert robot.object_pose("tomato_soup_can").position[2] > 0.13
     assert robot.wrench(sample.state)[2] == pytest.approx(-0.349 * 9.81, rel=0.03)

@@ -65,10 +65,10 @@ def test_a_thing_on_the_table_is_named_and_placed_to_3_mm_and_5_degrees(name: st
     frame = picture(placed)
     found = look(frame)
     assert isinstance(found, Detection), found
-    assert found.solid.shape == placed.thing.shape
+    assert found.solid.shape == placed.grasp_object.shape
     assert np.linalg.norm(found.solid.position - placed.position) < 0.003
-    if placed.thing.shape != "sphere":
-        assert apart(placed.thing, matrix_from_quaternion(placed.quaternion), found.solid) < 5.0
+    if placed.grasp_object.shape != "sphere":
+        assert apart(placed.grasp_object, matrix_from_quaternion(placed.quaternion), found.solid) < 5.0
     assert abs(found.table.offset) < 0.001
     assert found.others == 0
     assert isinstance(grasp_target(found, SETTINGS.target), GraspTarget)

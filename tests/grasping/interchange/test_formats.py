@@ -126,24 +126,24 @@ def test_grasps_of_any_hand_go_back_and_are_refused_for_another(tmp_path: Path, 
     spec, path = load_spec(model), tmp_path / f"a{suffix}"
     rows = np.linspace(0.6 * spec.lower + 0.4 * spec.upper, 0.4 * spec.lower + 0.6 * spec.upper, 3)
     made = check_grasps(
-        spec, poses(1)[None], rows[None], [0.0, 0, 0, 1, 0, 0, 0], 1.0, thing="apple", frame=PALM, source=""
+        spec, poses(1)[None], rows[None], [0.0, 0, 0, 1, 0, 0, 0], 1.0, object_name="apple", frame=PALM, source=""
     )
     write_dexgraspbench(path, made) if suffix == ".npy" else write_yaml_grasps(path, made)
     same(read_grasps(path, spec), made)
     with pytest.raises(ConfigError, match=f"is of the hand {model}; this one is allegro: ask for {model}"):
         read_grasps(path, load_spec())
     assert own_hand(path)[:2] == (model, "right")
-    assert assumed_hand(path, spec, asked=False) == ""
+    assert assumed_hand(path, spec, named=False) == ""
 
 
 def test_what_a_file_does_not_say_of_its_hand_is_said(tmp_path: Path, spec: HandSpec) -> None:
     path = saved(tmp_path / "a.npy", bench(spec))
     told = "a.npy: says of no hand and names no joints: read as of allegro_right (--hand has others)"
-    assert assumed_hand(path, spec, asked=False) == told
-    assert assumed_hand(path, spec, asked=True) == ""
-    assert "read as of our palm of leap_right" in assumed_hand(path, load_spec("leap"), asked=True)
+    assert assumed_hand(path, spec, named=False) == told
+    assert assumed_hand(path, spec, named=True) == ""
+    assert "read as of our palm of leap_right" in assumed_hand(path, load_spec("leap"), named=True)
     for named in (saved(tmp_path / "b.npy", bodex(spec)), saved(tmp_path / "c.npy", net(spec))):
-        assert assumed_hand(named, spec, asked=False) == ""
+        assert assumed_hand(named, spec, named=False) == ""
 
 
 def test_a_change_of_frame_does_not_move_the_palm(tmp_path: Path, spec: HandSpec) -> None:

@@ -170,7 +170,7 @@ def test_a_trial_has_the_palm_where_the_search_had_it_for_either_hand(side: Side
     spec, scenario = load_spec(side=side), load_scenario("lemon")[0]
     there = replace(candidate((0.02, 0.03, 0.1), 0.4), retreat=np.array([0.01, 0.02, 0.1]))
     stage = make_stage(scenario, load_protocol("table_pick"), side, Path())
-    there = replace(there, position=there.position + stage.things[0].position)
+    there = replace(there, position=there.position + stage.objects[0].position)
     written = candidate_scenario(there, GraspScene(spec, stage), scenario)
     assert written.side == side
     again = make_stage(written, load_protocol("table_pick"), side, Path())

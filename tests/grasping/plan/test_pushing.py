@@ -132,7 +132,7 @@ def test_the_object_comes_to_lie_where_the_push_ends() -> None:
     pushed = with_push(scenario(), SPEC)
     stage = make_stage(pushed, load_protocol("table_pick"), "right", Path())
     after = pushed_stage(pushed, stage, SPEC, grasp_templates(SPEC)[0])
-    x, y, z = after.things[0].position
+    x, y, z = after.objects[0].position
     assert_allclose((x, y, z), (0.125, 0.0, 0.004), atol=0.015)
     assert pushed_until(Trial(pushed, SPEC, grasp_templates(SPEC)[0]).windows) > 2.0
 

@@ -268,7 +268,7 @@ def test_what_an_option_chooses_is_what_the_episode_has(options: dict[str, Any],
 def test_size_and_friction_reach_the_physics_and_are_gone_with_the_next_reset() -> None:
     env = HandEnv("Lift", level="easy", **LEMON)
     env.reset(seed=0)
-    thing = env.engine.task.thing
+    thing = env.engine.task.object_body
     assert thing is not None
 
     def physics() -> tuple[float, float, float, float]:

@@ -137,7 +137,7 @@ def test_info_has_the_masks_and_values_that_gymnasium_s_own_vector_environments_
     ends = 0
     for step in range(5):
         if step == 2:
-            lose[0].thing.pose[0, 2] = lose[1].thing.pose[0, 2] = 1.0
+            lose[0].object_body.pose[0, 2] = lose[1].object_body.pose[0, 2] = 1.0
         found, wanted = (env.step(action) for env in (ours, theirs))
         ends += int(found[2].sum())
         _assert_same_info(found[4], wanted[4])

@@ -43,7 +43,7 @@ def test_the_state_is_exact_where_the_observation_has_noise_and_delay() -> None:
     half, middle = (spec.upper - spec.lower) / 2, (spec.upper + spec.lower) / 2
     np.testing.assert_allclose(state[:, :N] * half + middle, worlds.position, atol=1e-6)
     assert np.abs(of(observation, "observation")[:, :N] - state[:, :N]).max() > 1e-5
-    thing = env.engine.task.thing
+    thing = env.engine.task.object_body
     assert thing is not None
     np.testing.assert_allclose(state[:, 4 * N : 4 * N + 3] * 0.1, thing.pose[:, :3], atol=1e-6)
     drawn = np.stack([info["randomised"][name] for name in FACTORS], axis=-1)

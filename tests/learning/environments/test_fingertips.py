@@ -101,10 +101,10 @@ def over_the_tips(env: HandVectorEnv) -> Array:
     """Height of the object's middle over the mean of the fingertips, (N,), m, at rest."""
     task = env.engine.task
     assert isinstance(task, InHandTask)
-    assert task.thing is not None
+    assert task.object_body is not None
     upturned = matrix_from_quaternion(np.array(FACING)).T
     tips = hand_kinematics(task.spec).batch_fingertips()(task.worlds.position) @ upturned
-    found: Array = task.thing.pose[:, 2] - tips[..., 2].mean(axis=1)
+    found: Array = task.object_body.pose[:, 2] - tips[..., 2].mean(axis=1)
     return found
 
 
@@ -174,7 +174,7 @@ def test_the_clearance_is_over_the_palm_of_the_hand_that_it_is() -> None:
     *_, info = env.step(STILL)
     task: Any = env.engine.task
     up = np.tile([0.0, 0.0, 1.0], (N, 1))
-    expected = palm_clearance(task.thing.pose, task._shapes, task.kind, task._factor, up, 0.0158)
+    expected = palm_clearance(task.object_body.pose, task._shapes, task.kind, task._factor, up, 0.0158)
     np.testing.assert_allclose(info["clearance"], expected, atol=1e-6)
 
 
@@ -325,9 +325,9 @@ def test_an_object_on_the_palm_ends_the_episode_unless_that_is_allowed(task: str
     env = HandEnv(task, timestep=0.003, decimation=1, palm=palm, objects=("cube",))
     env.reset(seed=0)
     in_hand: Any = env.engine.task
-    in_hand.thing.pose[0] = -0.02, 0.0, PALM + 0.0285 * in_hand._factor[0] - 0.0005, 1.0, 0.0, 0.0, 0.0
-    in_hand.place[0] = in_hand.thing.pose[0, :3]
-    in_hand.thing.velocity[:] = in_hand.thing.spin[:] = 0.0
+    in_hand.object_body.pose[0] = -0.02, 0.0, PALM + 0.0285 * in_hand._factor[0] - 0.0005, 1.0, 0.0, 0.0, 0.0
+    in_hand.place[0] = in_hand.object_body.pose[0, :3]
+    in_hand.object_body.velocity[:] = in_hand.object_body.spin[:] = 0.0
     _, reward, failed, _, info = env.step(STILL[0])
     assert info["by_palm"] > 0.1
     assert failed == (palm == "forbidden")

@@ -67,7 +67,7 @@ def test_an_object_stays_in_the_fingertips_where_nobody_acts(side: str) -> None:
 def test_a_throw_never_scores_above_staying(task: str) -> None:
     stays, _ = played(batch(task), 50)
     thrown = batch(task)
-    thing = thrown.engine.task.thing
+    thing = thrown.engine.task.object_body
     assert thing is not None
     thing.pose[:, 2] += 0.058  # Out of the fingers, which would catch it.
     thing.velocity[:] = 0.0, 0.0, 4.0
@@ -80,7 +80,7 @@ def test_a_throw_never_scores_above_staying(task: str) -> None:
 def test_turning_counts_upright_only_and_a_full_turn_in_the_hand_is_success() -> None:
     env = HandEnv("Rotate", timestep=0.003, palm="allowed")
     env.reset(seed=0)
-    thing = env.engine.task.thing
+    thing = env.engine.task.object_body
     assert thing is not None
     paid, success, turned = [], [], 0.0
     task: Any = env.engine.task
@@ -109,7 +109,7 @@ def test_rocking_to_and_fro_earns_nothing() -> None:
     """Forth while upright, and back while it leans so far that turning is not paid: an evolved gait found that."""
     env = HandEnv("Rotate", timestep=0.003, palm="allowed")
     env.reset(seed=0)
-    thing = env.engine.task.thing
+    thing = env.engine.task.object_body
     assert thing is not None
     env.engine.task.place[0] = ALOFT  # type: ignore[attr-defined]  # Of tasks in the hand.
     paid, turned = 0.0, 0.0
@@ -131,7 +131,7 @@ def test_rocking_to_and_fro_earns_nothing() -> None:
 def test_turning_the_same_way_again_after_a_flick_back_earns_nothing() -> None:
     env = HandEnv("Rotate", timestep=0.003, palm="allowed")
     env.reset(seed=0)
-    thing = env.engine.task.thing
+    thing = env.engine.task.object_body
     assert thing is not None
     env.engine.task.place[0] = ALOFT  # type: ignore[attr-defined]  # Of tasks in the hand.
     paid = 0.0
@@ -151,7 +151,7 @@ def test_turning_the_same_way_again_after_a_flick_back_earns_nothing() -> None:
 def test_with_back_a_turn_back_costs_at_once_what_the_same_turn_forward_is_paid() -> None:
     env = HandEnv("Rotate", timestep=0.003, palm="allowed", reward={"back": 1.0})
     env.reset(seed=0)
-    thing = env.engine.task.thing
+    thing = env.engine.task.object_body
     assert thing is not None
     env.engine.task.place[0] = ALOFT  # type: ignore[attr-defined]  # Of tasks in the hand.
     upright, leaning = 0.0, np.radians(28.0)
@@ -190,7 +190,7 @@ def test_the_smallest_and_the_largest_size_are_drawn_from_their_own_end(end: int
 def test_a_toppled_object_ends_the_episode_as_a_failure() -> None:
     env = HandEnv("Rotate", timestep=0.003, palm="allowed")
     env.reset(seed=0)
-    thing = env.engine.task.thing
+    thing = env.engine.task.object_body
     assert thing is not None
     thing.pose[0, 3:] = quaternion_from_vector((np.radians(80.0), 0.0, 0.0))
     _, reward, failed, _, info = env.step(np.zeros(16, np.float32))
@@ -207,7 +207,7 @@ def test_no_goal_is_reached_at_the_beginning_and_each_that_is_brings_another(goa
     first = np.array(seen["desired_goal"], float)
     assert (angle_between_quaternions(first, np.array(seen["achieved_goal"], float)) > NEAREST - 0.01).all()
     task: Any = env.engine.task
-    thing = task.thing
+    thing = task.object_body
     task.contacts = AssumedContacts(task.worlds)  # In the air a goal would not count.
     task.place[:] = ALOFT
     thing.pose[:, :3], thing.pose[:, 3:] = ALOFT, first
@@ -234,9 +234,9 @@ def test_a_goal_from_outside_is_judged_as_any_other_and_may_be_given_up_for_the_
     env = batch("Reorient")
     env.reset(seed=0)
     task = env.engine.task
-    assert task.thing is not None
+    assert task.object_body is not None
     task._renewed[0] = True  # type: ignore[attr-defined]  # Of Reorient: the last was reached just now.
-    here = task.thing.pose[0, 3:].copy()
+    here = task.object_body.pose[0, 3:].copy()
     others = np.array(task.goal())[1:]
     task.set_goal(0, here)
     _, _, _, _, info = env.step(STILL)
@@ -261,13 +261,13 @@ def test_a_yaw_to_reach_is_upright_however_the_object_leans() -> None:
     env = batch("Reorient", goals="yaw")
     env.reset(seed=0)
     task = env.engine.task
-    assert task.thing is not None
-    task.thing.pose[:, 3:] = rotate_quaternion(task.thing.pose[:, 3:], np.array([0.3, 0.1, 0.0]))
-    assert tilt(task.thing.pose[:, 3:]).min() > 0.2
+    assert task.object_body is not None
+    task.object_body.pose[:, 3:] = rotate_quaternion(task.object_body.pose[:, 3:], np.array([0.3, 0.1, 0.0]))
+    assert tilt(task.object_body.pose[:, 3:]).min() > 0.2
     task._draw_goals(np.arange(env.num_envs))  # type: ignore[attr-defined]  # Of Reorient.
     goals = np.array(task.goal(), float)
     assert tilt(goals).max() < 1e-6
-    away = np.abs((twist(goals) - twist(task.thing.pose[:, 3:]) + np.pi) % (2 * np.pi) - np.pi)
+    away = np.abs((twist(goals) - twist(task.object_body.pose[:, 3:]) + np.pi) % (2 * np.pi) - np.pi)
     assert (away > NEAREST - 1e-6).all()
     assert (away < np.pi / 2 + 1e-6).all()
 
@@ -307,7 +307,7 @@ def test_no_goal_is_within_reach_when_it_is_drawn(goals: str, farthest: float) -
 
 def in_the_palm(env: HandVectorEnv) -> np.ndarray[Any, Any]:
     """The object's pose in the palm's frame: position, m, and rotation matrix, (n, 3, 4)."""
-    worlds, thing = env.engine.worlds, env.engine.task.thing
+    worlds, thing = env.engine.worlds, env.engine.task.object_body
     assert thing is not None
     palm = worlds.model.body("palm_link").id
     lean = matrix_from_quaternion(worlds.expand("body_quat")[:, palm])
@@ -329,7 +329,7 @@ def test_where_the_palm_leans_an_episode_begins_with_the_same_grasp(task: str, k
     for env in (upright, leaning):
         env.reset(seed=3)
     np.testing.assert_allclose(in_the_palm(leaning), in_the_palm(upright), atol=1e-12)
-    things: list[Any] = [env.engine.task.thing for env in (upright, leaning)]
+    things: list[Any] = [env.engine.task.object_body for env in (upright, leaning)]
     turned = angle_between_quaternions(*(thing.pose[:, 3:] for thing in things))
     np.testing.assert_allclose(turned, 0.3 * np.sqrt(3.0), rtol=1e-9)  # rad: a rotation vector of 0.3 each.
     assert not leaning.step(STILL)[2].any()
@@ -403,9 +403,9 @@ def test_a_goal_counts_only_while_the_hand_touches_the_object() -> None:
     envs = HandVectorEnv("Reorient", 2, timestep=0.003)
     envs.reset(seed=0)
     task: Any = envs.engine.task
-    task.place[1] = task.thing.pose[1, :3] = ALOFT  # It falls.
+    task.place[1] = task.object_body.pose[1, :3] = ALOFT  # It falls.
     for row in range(2):
-        task.set_goal(row, task.thing.pose[row, 3:].copy())
+        task.set_goal(row, task.object_body.pose[row, 3:].copy())
     _, reward, _, _, info = envs.step(np.zeros((2, 16), np.float32))
     assert info["angle"].max() < 0.1
     assert info["reached"].tolist() == [1.0, 0.0]
@@ -413,8 +413,8 @@ def test_a_goal_counts_only_while_the_hand_touches_the_object() -> None:
     assert info["bonus"].tolist() == [10.0, 0.0]
     assert info["is_success"].tolist() == [True, False]
     assert reward[1] < 0.1
-    task.place[0] = task.thing.pose[0, :3] = ALOFT
-    task.thing.velocity[0] = 0.0
+    task.place[0] = task.object_body.pose[0, :3] = ALOFT
+    task.object_body.velocity[0] = 0.0
     _, _, _, _, info = envs.step(np.zeros((2, 16), np.float32))
     assert (info["reached"][0], info["held"][0], info["is_success"][0]) == (1.0, 0.0, False)
 

@@ -97,12 +97,12 @@ def upturned() -> Any:
 def put(env: Any, height: float) -> None:
     """Upright cubes with their lower side so high over the plane of the palm, m, where no finger is."""
     task = env.engine.task
-    size = np.asarray(env.engine.worlds.expand("geom_size"))[:, task.thing.geoms.start, 2]
-    task.thing.pose[:, :2] = -0.2, 0.0
-    task.thing.pose[:, 2] = PALM + height + size
-    task.place[:] = task.thing.pose[:, :3]
-    task.thing.pose[:, 3:] = 1.0, 0.0, 0.0, 0.0
-    task.thing.velocity[:] = task.thing.spin[:] = 0.0
+    size = np.asarray(env.engine.worlds.expand("geom_size"))[:, task.object_body.geoms.start, 2]
+    task.object_body.pose[:, :2] = -0.2, 0.0
+    task.object_body.pose[:, 2] = PALM + height + size
+    task.place[:] = task.object_body.pose[:, :3]
+    task.object_body.pose[:, 3:] = 1.0, 0.0, 0.0, 0.0
+    task.object_body.velocity[:] = task.object_body.spin[:] = 0.0
 
 
 @pytest.mark.parametrize("task", ["Rotate", "Reorient"])

@@ -31,7 +31,7 @@ def test_an_observation_has_pictures_of_the_scene_and_depths_in_metres() -> None
     assert env.observation_space.contains(seen)
     assert seen["rgb"].std() > 10.0
     assert 0.3 < seen["depth"].min() < 0.42, "the camera is 0.42 m from the middle of the grasp"
-    thing: Any = env.engine.task.thing
+    thing: Any = env.engine.task.object_body
     thing.pose[0, 2] += 1.0  # Out of sight.
     gone: Any = env.engine.fetch(env.engine.observe())
     assert gone["depth"][0].mean() > seen["depth"].mean()

@@ -289,7 +289,7 @@ def test_the_other_draws_of_a_seed_are_those_without_a_twin() -> None:
     for name in ranges:
         np.testing.assert_array_equal(with_twin["randomised"][name], without["randomised"][name])
     np.testing.assert_array_equal(with_twin["object"], without["object"])
-    things = [each.engine.task.thing for each in (env, plain)]
+    things = [each.engine.task.object_body for each in (env, plain)]
     assert things[0] is not None
     assert things[1] is not None
     np.testing.assert_array_equal(things[0].pose, things[1].pose)

@@ -54,7 +54,7 @@ def test_what_was_drawn_lies_in_its_range_differs_between_simulations_and_is_rep
 def test_the_mass_of_the_object_and_its_inertia_follow_and_no_other_body_s() -> None:
     plain, _ = made("Lift")
     env, drawn = made("Lift", mass=(0.5, 2.0))
-    thing = env.engine.task.thing
+    thing = env.engine.task.object_body
     assert thing is not None
     for name in ("body_mass", "body_inertia"):
         ratio = field(env, name)[:, 1:] / field(plain, name)[:, 1:]
@@ -69,7 +69,7 @@ def test_the_mass_of_the_object_and_its_inertia_follow_and_no_other_body_s() -> 
 def test_the_size_of_the_object_follows_at_the_same_mass() -> None:
     plain, _ = made("Lift")
     env, drawn = made("Lift", size=(0.8, 1.2))
-    thing = env.engine.task.thing
+    thing = env.engine.task.object_body
     assert thing is not None
     geom = thing.geoms.start
     for name, power in (("geom_size", 1), ("geom_aabb", 1), ("geom_rbound", 1)):
@@ -79,7 +79,7 @@ def test_the_size_of_the_object_follows_at_the_same_mass() -> None:
     inertia = field(env, "body_inertia")[:, thing.id] / field(plain, "body_inertia")[:, thing.id]
     np.testing.assert_allclose(inertia, np.tile(drawn["size"][:, None] ** 2, 3), rtol=1e-12)
     # A larger object stands higher on the table.
-    heights = thing.pose[:, 2] / plain.engine.task.thing.pose[:, 2]  # type: ignore[union-attr]  # It is there.
+    heights = thing.pose[:, 2] / plain.engine.task.object_body.pose[:, 2]  # type: ignore[union-attr]  # It is there.
     np.testing.assert_allclose(heights, drawn["size"], rtol=1e-12)
 
 

@@ -28,7 +28,7 @@ def steps(task: str, **more: Any) -> list[tuple[np.ndarray[Any, Any], dict[str, 
     rng, found = np.random.default_rng(0), []
     for step in range(24):
         if step == 20:
-            thing = env.engine.task.thing
+            thing = env.engine.task.object_body
             assert thing is not None
             thing.pose[0, 2] += 0.2
         _, reward, _, _, info = env.step(rng.uniform(-1.0, 1.0, (N, 16)).astype(np.float32))

@@ -59,9 +59,9 @@ def turned_to(env: Any, off: float) -> None:
     task = env.engine.task
     task.contacts = AssumedContacts(task.worlds)  # In the air a goal would not count.
     task._renewed[:] = False
-    task.thing.pose[:, :3] = task.place[:] = BESIDE
-    task.thing.pose[:, 3:] = rotate_quaternion(np.asarray(task.goal(), float), (0.0, off, 0.0))
-    task.thing.velocity[:] = task.thing.spin[:] = 0.0
+    task.object_body.pose[:, :3] = task.place[:] = BESIDE
+    task.object_body.pose[:, 3:] = rotate_quaternion(np.asarray(task.goal(), float), (0.0, off, 0.0))
+    task.object_body.velocity[:] = task.object_body.spin[:] = 0.0
 
 
 @pytest.mark.parametrize("kind", ["single", "batch", "tensors"])

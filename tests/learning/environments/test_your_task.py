@@ -112,7 +112,7 @@ def test_an_object_that_diverges_ends_its_episode_alone() -> None:
     env = HandVectorEnv("Rotate", 2, timestep=0.003)
     env.reset(seed=0)
     env.step(np.zeros((2, 16), np.float32))
-    thing = env.engine.task.thing
+    thing = env.engine.task.object_body
     assert thing is not None
     thing.pose[1] = np.nan
     outcome, diverged = env.engine.outcome(np.zeros((2, 16)), env.engine.observe())
@@ -195,7 +195,7 @@ def test_a_mesh_keeps_its_size_and_says_so(tmp_path: Path) -> None:
     env = HandEnv("Lift", objects=(die,), randomise={"size": (0.8, 0.9), "mass": (2.0, 2.0)}, timestep=0.003)
     _, info = env.reset(seed=0)
     assert info["randomised"]["size"] == 1.0
-    thing = env.engine.task.thing
+    thing = env.engine.task.object_body
     assert thing is not None
     assert thing.pose[0, 2] == pytest.approx(0.03, abs=1e-3)
     with pytest.raises(ConfigError, match="a mesh keeps its size in an episode: leave out the option size"):
@@ -218,11 +218,11 @@ def test_a_mesh_whose_weight_is_off_its_middle_is_presented_without_turning(tmp_
     env = HandEnv("Grasp", objects=(wedge,), level="easy", position_noise=0.0)
     env.reset(seed=0)
     task = env.engine.task
-    assert task.thing is not None
-    before = task.thing.pose[0].copy()
+    assert task.object_body is not None
+    before = task.object_body.pose[0].copy()
     for _ in range(int(0.5 / (task.settings.period * task.settings.decimation))):  # The fingers wait for 0.6 s.
         env.step(np.zeros(16, np.float32))
-    turned = 2.0 * np.arccos(min(1.0, abs(task.thing.pose[0, 3:] @ before[3:])))
+    turned = 2.0 * np.arccos(min(1.0, abs(task.object_body.pose[0, 3:] @ before[3:])))
     assert np.degrees(turned) < 1.0
 
 

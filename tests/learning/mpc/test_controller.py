@@ -83,12 +83,12 @@ def test_the_first_picture_is_all_there_is_and_noise_is_that_of_the_seed() -> No
 def test_a_model_of_an_episode_keeps_up_with_it(task: str, count: str) -> None:
     environment = CUBE.model_copy(update={"goals": "yaw"}) if task == "Reorient" else CUBE
     hand = EpisodeBackend(task, environment, seed=2)
-    thing = hand.engine.task.thing
+    thing = hand.engine.task.object_body
     assert thing is not None
     model = ObservedEpisode(task, environment, 2, PoseTracker(lambda: thing.pose[0], EXACT))
     state = hand.reset()
     model.begin(state)
-    np.testing.assert_array_equal(model.engine.task.thing.pose, thing.pose)  # type: ignore[union-attr]
+    np.testing.assert_array_equal(model.engine.task.object_body.pose, thing.pose)  # type: ignore[union-attr]
     if task == "Reorient":  # The first goal is reached at once, and both draw the next.
         hand.engine.task.goal()[0] = model.engine.task.goal()[0] = thing.pose[0, 3:]  # type: ignore[index]
     interface = hand.engine.task.interface
@@ -108,7 +108,7 @@ def test_a_model_of_an_episode_keeps_up_with_it(task: str, count: str) -> None:
         model.follow(state, action)
         np.testing.assert_array_equal(model.engine.worlds.position[0], state.position)
         np.testing.assert_array_equal(model.engine.worlds.velocity[0], state.velocity)
-        np.testing.assert_allclose(model.engine.task.thing.pose, thing.pose, atol=1e-12)  # type: ignore[union-attr]
+        np.testing.assert_allclose(model.engine.task.object_body.pose, thing.pose, atol=1e-12)  # type: ignore[union-attr]
         np.testing.assert_allclose(model.engine.memory.end[0], memory.end)
         assert float(getattr(model.engine.task, count)[0]) == pytest.approx(hand.count)
     assert model.engine.count.tolist() == [4]
@@ -119,7 +119,7 @@ def test_a_model_of_an_episode_keeps_up_with_it(task: str, count: str) -> None:
 
 def test_a_run_in_lockstep_repeats_itself_to_the_bit_and_says_how_many_plans_it_made() -> None:
     hand = EpisodeBackend("Rotate", CUBE, seed=1)
-    thing = hand.engine.task.thing
+    thing = hand.engine.task.object_body
     assert thing is not None
     model = ObservedEpisode("Rotate", CUBE, 1, PoseTracker(lambda: thing.pose[0], EXACT))
     controller = MpcController("Rotate", model, TINY.model_copy(update={"every": 2}), threads=1)

@@ -272,7 +272,7 @@ def test_a_cost_grows_towards_the_ends_of_joints_with_effort_and_as_an_object_le
         env = HandEnv("Rotate", timestep=0.003, objects=("cube",))
         env.reset(seed=1)
         rollouts.begin(env.save_state())
-        worlds, thing = rollouts.engine.worlds, rollouts.engine.task.thing
+        worlds, thing = rollouts.engine.worlds, rollouts.engine.task.object_body
         spec = rollouts.engine.task.spec
         assert thing is not None
         worlds.position[...] = (spec.lower + spec.upper) / 2
@@ -299,7 +299,7 @@ def test_a_cost_grows_towards_the_ends_of_joints_with_effort_and_as_an_object_le
 def test_leaning_costs_whatever_side_of_the_object_was_up() -> None:
     costs = Rollouts("Rotate", EnvSettings(objects=("cube",)), MpcSettings(samples=2), threads=1).costs
     costs.settings = CostSettings(lean=1.0)
-    thing = costs._engine.task.thing
+    thing = costs._engine.task.object_body
     assert thing is not None
     on_side = np.array([np.cos(np.pi / 4), np.sin(np.pi / 4), 0.0, 0.0])
     costs.begin(np.zeros(16), np.concatenate([np.zeros(3), on_side]))

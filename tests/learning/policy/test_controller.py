@@ -97,7 +97,7 @@ def _copy_surroundings(env: HandEnv, sim: SimBackend) -> None:
     if sim.model.nmocap:
         place, way, holds = worlds.presenter()
         sim.data.mocap_pos[0], sim.data.mocap_quat[0], sim.data.eq_active[0] = place[0], way[0], holds[0]
-        thing = env.engine.task.thing
+        thing = env.engine.task.object_body
         assert thing is not None
         sim.data.xfrc_applied[thing.id, :3] = thing.force[0]
     else:

@@ -49,14 +49,14 @@ def test_after_a_stop_every_wish_is_refused_until_it_is_released(hand: Hand) -> 
 def test_a_wish_that_was_being_planned_when_the_stop_came_moves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     with Hand.open("sim_right", background=True) as hand:
         planning, go_on = threading.Event(), threading.Event()
-        legs = hand._mover.ways.legs
+        legs = hand._mover.paths.legs
 
         def slowly(*given: object) -> object:
             planning.set()
             go_on.wait(10.0)
             return legs(*given)  # type: ignore[arg-type]  # As it was called.
 
-        monkeypatch.setattr(hand._mover.ways, "legs", slowly)
+        monkeypatch.setattr(hand._mover.paths, "legs", slowly)
         raised: list[BaseException] = []
 
         def wish() -> None:

@@ -113,7 +113,7 @@ def test_a_goal_that_moves_is_one_motion_for_whoever_waits(hand: Hand) -> None:
 @pytest.mark.parametrize("wish", [lambda hand: hand.move_to("fist"), lambda hand: hand.grasp("grasp_3")])
 def test_a_stop_while_a_motion_is_being_planned_is_kept(hand: Hand, wish: Act, monkeypatch: pytest.MonkeyPatch) -> None:
     hand.move_to("home", 3.0)
-    legs = hand._mover.ways.legs
+    legs = hand._mover.paths.legs
 
     def planned(*given: object) -> object:
         found = legs(*given)  # type: ignore[arg-type]  # As it was called.
@@ -122,7 +122,7 @@ def test_a_stop_while_a_motion_is_being_planned_is_kept(hand: Hand, wish: Act, m
         thread.join()
         return found
 
-    monkeypatch.setattr(hand._mover.ways, "legs", planned)
+    monkeypatch.setattr(hand._mover.paths, "legs", planned)
     here = hand.state.position
     with pytest.raises(MotionInterrupted, match="was stopped before it began"):
         wish(hand)
@@ -134,7 +134,7 @@ def test_what_overtakes_a_hand_that_stops_to_plan_is_told_by_the_name_of_its_mot
     hand: Hand, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     hand.move_to("home", wait=False)
-    legs = hand._mover.ways.legs
+    legs = hand._mover.paths.legs
 
     def planned(*given: object) -> object:
         found = legs(*given)  # type: ignore[arg-type]  # As it was called.
@@ -143,7 +143,7 @@ def test_what_overtakes_a_hand_that_stops_to_plan_is_told_by_the_name_of_its_mot
         after(hand, 0.02, lambda hand: hand.move_to("open", wait=False))
         return found
 
-    monkeypatch.setattr(hand._mover.ways, "legs", planned)
+    monkeypatch.setattr(hand._mover.paths, "legs", planned)
     with pytest.raises(MotionInterrupted, match="rock was replaced by open before its end"):
         hand.move_to("rock")
 

@@ -281,7 +281,7 @@ def test_the_pixels_of_an_object_are_the_object_and_a_mouse_that_drags_them_pull
     from allegro_twin.viewing.scenery import scenery
 
     trial = make_trial("lemon", load_spec(), 0.003)
-    place = trial.things[0].position
+    place = trial.objects[0].position
     config = tmp_path / "lemon.yaml"
     config.write_text("backend: {kind: sim}\ntask: {scenario: lemon}\ncontroller: {kind: pd}\n")
     with served(tmp_path, config=str(config)) as panel:

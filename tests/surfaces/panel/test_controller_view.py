@@ -66,7 +66,7 @@ def panel() -> Made:
     asked: list[Any] = []
     info = SimpleNamespace(
         kinds=("torque", "gravity", "pd"), gains=("default", "soft"), used="default", scenarios=("lemon", "mug"),
-        things=("apple",), scenario=None, thing=None, no_drag="", episode="",
+        object_names=("apple",), scenario=None, object_name=None, no_drag="", episode="",
     )  # fmt: skip
     gui = Gui()
     view = ControllerView(SimpleNamespace(ask=asked.append, info=info, client=SimpleNamespace(gui=gui)))  # type: ignore[arg-type]  # Looks alike.

@@ -142,14 +142,14 @@ def test_a_stop_works_while_a_wish_is_being_planned(desk: Desk, monkeypatch: pyt
     planning, go_on = threading.Event(), threading.Event()
     opened = desk.host._session
     assert isinstance(opened, HandSession)
-    legs = opened.hand._mover.ways.legs
+    legs = opened.hand._mover.paths.legs
 
     def slowly(*given: Any) -> Any:
         planning.set()
         go_on.wait(10.0)
         return legs(*given)
 
-    monkeypatch.setattr(opened.hand._mover.ways, "legs", slowly)
+    monkeypatch.setattr(opened.hand._mover.paths, "legs", slowly)
     desk.wish(r.MoveToPosture("fist"))
     turning = threading.Thread(target=lambda: desk.until(lambda: "release the stop" in desk.page.notices()))
     turning.start()

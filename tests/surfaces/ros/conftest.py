@@ -37,7 +37,7 @@ class Peer:
     """A program on ROS that hears and says things to one hand."""
 
     node: Node
-    words: v.RosTypes
+    types: v.RosTypes
     namespace: str
     heard: list[tuple[str, Any]] = field(default_factory=list)
 
@@ -67,7 +67,7 @@ class Peer:
 
         def heard() -> bool:
             for topic, data, _ in self.node.wait(0.05):
-                message = self.words.decode(data, self.kinds[topic])
+                message = self.types.decode(data, self.kinds[topic])
                 self.heard.append((topic, message))
                 if until(topic, message):
                     found.append(message)
@@ -82,12 +82,12 @@ class Peer:
         return "" if found is None else str(found.msg)
 
     def joint_cmd(self, spec: HandSpec, position: Vector, *, stamp: int = 0, names: list[str] | None = None) -> None:
-        self.say("joint_cmd", self.words.make(
-            v.JOINT_STATE, header=self.words.header(stamp), name=list(spec.joints) if names is None else names,
+        self.say("joint_cmd", self.types.make(
+            v.JOINT_STATE, header=self.types.header(stamp), name=list(spec.joints) if names is None else names,
             position=np.asarray(position, dtype=float), velocity=np.zeros(0), effort=np.zeros(0)))  # fmt: skip
 
     def lib_cmd(self, word: str) -> None:
-        self.say("lib_cmd", self.words.make(v.STRING, data=word))
+        self.say("lib_cmd", self.types.make(v.STRING, data=word))
 
 
 def waited(condition: Callable[[], bool], what: str, seconds: float = 10.0) -> bool:
@@ -97,7 +97,7 @@ def waited(condition: Callable[[], bool], what: str, seconds: float = 10.0) -> b
 
 
 @pytest.fixture(scope="session")
-def words() -> v.RosTypes:
+def types() -> v.RosTypes:
     return v.ros_types()
 
 
@@ -107,11 +107,11 @@ def namespace() -> str:
 
 
 @pytest.fixture
-def make_peer(words: v.RosTypes, namespace: str) -> Iterator[Callable[[], Peer]]:
+def make_peer(types: v.RosTypes, namespace: str) -> Iterator[Callable[[], Peer]]:
     made: list[Peer] = []
 
     def make() -> Peer:
-        peer = Peer(Node(words, f"peer_{len(made)}", "/", DOMAIN), words, namespace)
+        peer = Peer(Node(types, f"peer_{len(made)}", "/", DOMAIN), types, namespace)
         made.append(peer)
         return peer
 

@@ -63,12 +63,12 @@ def echoing(
 
 
 def test_five_hundred_of_five_hundred_messages_come_back_from_fast_dds(
-    echo: Path, peer: Peer, words: v.RosTypes
+    echo: Path, peer: Peer, types: v.RosTypes
 ) -> None:
     peer.hear("pong", v.JOINT_STATE)
     with echoing(echo, peer.full("ping"), peer.full("pong")):
-        message = words.make(
-            v.JOINT_STATE, header=words.header(12345678901, "palm"), name=["joint_0.0", "é"],
+        message = types.make(
+            v.JOINT_STATE, header=types.header(12345678901, "palm"), name=["joint_0.0", "é"],
             position=np.arange(16.0), velocity=np.full(16, np.nan), effort=np.zeros(3),
         )  # fmt: skip
         peer.say("ping", message)
@@ -80,7 +80,7 @@ def test_five_hundred_of_five_hundred_messages_come_back_from_fast_dds(
             peer.say("ping", message)
             back = peer.listen(2.0, lambda topic, message: True)
             trips.append(time.perf_counter() - began)
-            assert words.encode(back) == words.encode(message)
+            assert types.encode(back) == types.encode(message)
     print(f"median {np.median(trips) * 1e3:.2f} ms, 99 % {np.quantile(trips, 0.99) * 1e3:.2f} ms")  # noqa: T201
 
 
@@ -96,8 +96,8 @@ def test_fast_dds_hears_the_hand_and_moves_it(
             assert seen.name == list(hand.spec.joints)
         with echoing(echo, peer.full("wish"), peer.full("joint_cmd")):
             time.sleep(1.0)
-            peer.say("wish", peer.words.make(
-                v.JOINT_STATE, header=peer.words.header(0), name=list(hand.spec.joints), position=np.array(home),
+            peer.say("wish", peer.types.make(
+                v.JOINT_STATE, header=peer.types.header(0), name=list(hand.spec.joints), position=np.array(home),
                 velocity=np.zeros(0), effort=np.zeros(0)))  # fmt: skip
             waited(lambda: bool(np.abs(hand.state.position - home).max() < 0.03), "home was not reached")
 
@@ -149,23 +149,23 @@ def test_fast_dds_hears_all_that_a_cell_says(
 def test_fast_dds_leads_the_palm_and_the_fingers_of_a_cell_and_hears_why_not(
     echo: Path,
     peer: Peer,
-    words: v.RosTypes,
+    types: v.RosTypes,
     again: Callable[..., Any],
     cell: Served,  # noqa: F811  # The fixture of that name.
 ) -> None:
     wanted, hand = np.array([-0.15, 0.1, 0.38]), cell.made.robot.hand_sim
     with echoing(echo, peer.full("wish"), peer.full(topics.TARGET), v.POSE):
         time.sleep(1.0)  # Until Fast DDS has found the cell.
-        peer.say("wish", target(words, cell, wanted))
+        peer.say("wish", target(types, cell, wanted))
         waited(lambda: bool(np.linalg.norm(cell.palm - wanted) < 0.01), "the palm is not there", 40.0)
-        peer.say("wish", target(words, cell, [-0.1, 0.0, 0.05]))
+        peer.say("wish", target(types, cell, [-0.1, 0.0, 0.05]))
         line = again("/rosout", v.LOG, latched=True, wanted=lambda message: message.level > 20)
         assert (line.level, "would be in the table" in line.msg) == (30, True), line.msg
     time.sleep(1.5)  # Who has remote until now is quiet.
     goal = cell.made.open + 0.2
     with echoing(echo, peer.full("commands"), peer.full(TRAJECTORY), v.TRAJECTORY):
         time.sleep(1.0)
-        peer.say("commands", trajectory(words, cell.made.hand.spec, [0.8], goal[None]))
+        peer.say("commands", trajectory(types, cell.made.hand.spec, [0.8], goal[None]))
         waited(lambda: bool(np.abs(hand.data.qpos[hand._qpos] - goal).max() < 0.06), "the fingers did not come", 40.0)
 
 
@@ -176,5 +176,5 @@ def test_fast_dds_hears_the_hands_description_which_was_said_before_and_says_a_w
         assert "<robot" in again("robot_description", v.STRING, latched=True).data
         with echoing(echo, peer.full("word"), peer.full("lib_cmd"), v.STRING):
             time.sleep(1.0)
-            peer.say("word", peer.words.make(v.STRING, data="home"))
+            peer.say("word", peer.types.make(v.STRING, data="home"))
             waited(lambda: bool(np.abs(hand.state.position - home).max() < 0.03), "home was not reached", 20.0)

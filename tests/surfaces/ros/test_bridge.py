@@ -35,23 +35,23 @@ def hand(namespace: str) -> Iterator[Hand]:
 
 
 def trajectory(
-    words: v.RosTypes, spec: HandSpec, times: list[float], postures: Array, velocities: Array | None = None,
+    types: v.RosTypes, spec: HandSpec, times: list[float], postures: Array, velocities: Array | None = None,
     *, names: list[str] | None = None, stamp: int = 0,
 ) -> Any:  # fmt: skip
     points = [
-        words.make(
+        types.make(
             "trajectory_msgs/msg/JointTrajectoryPoint",
             positions=np.asarray(row, dtype=float),
             velocities=np.zeros(0) if velocities is None else np.asarray(velocities[k], dtype=float),
             accelerations=np.zeros(0),
             effort=np.zeros(0),
-            time_from_start=words.make("builtin_interfaces/msg/Duration", sec=int(t // 1), nanosec=round(t % 1 * 1e9)),
+            time_from_start=types.make("builtin_interfaces/msg/Duration", sec=int(t // 1), nanosec=round(t % 1 * 1e9)),
         )
         for k, (t, row) in enumerate(zip(times, postures, strict=True))
     ]
-    return words.make(
+    return types.make(
         v.TRAJECTORY,
-        header=words.header(stamp),
+        header=types.header(stamp),
         joint_names=list(spec.joints) if names is None else names,
         points=points,
     )
@@ -87,7 +87,7 @@ def test_who_comes_late_still_gets_the_description_and_the_frames_that_do_not_mo
 
 
 def test_other_nodes_find_the_node_its_topics_and_the_hashes_of_their_types(
-    hand: Hand, peer: Peer, namespace: str, words: v.RosTypes
+    hand: Hand, peer: Peer, namespace: str, types: v.RosTypes
 ) -> None:
     from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsParticipant, BuiltinTopicDcpsPublication
     from cyclonedds.sub import DataReader
@@ -96,12 +96,12 @@ def test_other_nodes_find_the_node_its_topics_and_the_hashes_of_their_types(
     from allegro_twin.surfaces.ros.node import wire
 
     participant = peer.node._participant
-    reader = DataReader(participant, Topic(participant, "ros_discovery_info", wire(words, v.NODES)), qos_of(LATCHED))
+    reader = DataReader(participant, Topic(participant, "ros_discovery_info", wire(types, v.NODES)), qos_of(LATCHED))
     mine: list[tuple[Any, Any]] = []
 
     def found() -> bool:
         for sample in reader.take(N=20):
-            info = words.decode(sample.data, v.NODES)
+            info = types.decode(sample.data, v.NODES)
             mine.extend((info, node) for node in info.node_entities_info_seq if node.node_namespace == namespace)
         return bool(mine)
 
@@ -127,7 +127,7 @@ def test_other_nodes_find_the_node_its_topics_and_the_hashes_of_their_types(
     assert topics == {
         "rt" + (name if name.startswith("/") else f"{namespace}/{name}"): (
             kind.replace("/", "::").replace("::msg::", "::msg::dds_::") + "_",
-            {"typehash": words.hash(kind)},
+            {"typehash": types.hash(kind)},
         )
         for name, kind in expected.items()
     }
@@ -178,24 +178,24 @@ def test_joint_cmd_leads_the_hand_no_faster_than_the_speed(hand: Hand, peer: Pee
 @pytest.mark.slow
 @pytest.mark.parametrize("smooth", [False, True])
 def test_a_trajectory_from_another_program_moves_the_hand_on_its_bus(
-    namespace: str, peer: Peer, words: v.RosTypes, home: Vector, smooth: bool
+    namespace: str, peer: Peer, types: v.RosTypes, home: Vector, smooth: bool
 ) -> None:
     config = can_config("v4", identify=True)
     with bridged(config, namespace) as (hand, _):
         ways = np.array([home, home + 0.15, home])
         rates = np.zeros_like(ways) if smooth else None
-        peer.say(TRAJECTORY, trajectory(words, hand.spec, [1.5, 2.0, 2.5], ways, rates))
+        peer.say(TRAJECTORY, trajectory(types, hand.spec, [1.5, 2.0, 2.5], ways, rates))
         assert waited(there(hand, home + 0.15, 0.04), "the middle was not reached", 20.0)
         assert waited(there(hand, home, 0.04), "the end was not reached", 20.0)
 
 
-def bad(words: v.RosTypes, spec: HandSpec, home: Vector) -> dict[str, tuple[Any, str]]:
+def bad(types: v.RosTypes, spec: HandSpec, home: Vector) -> dict[str, tuple[Any, str]]:
     """Trajectories that are refused, and in which words."""
     nan, far = home.copy(), home.copy()
     nan[3], far[3] = np.nan, 3.0
 
     def made(*what: Any, **more: Any) -> Any:
-        return trajectory(words, spec, *what, **more)
+        return trajectory(types, spec, *what, **more)
 
     return {
         "unknown": (made([1.0], [home], names=["thumb_9", *spec.joints[1:]]), "no joint named 'thumb_9'"),
@@ -212,7 +212,7 @@ def bad(words: v.RosTypes, spec: HandSpec, home: Vector) -> dict[str, tuple[Any,
 
 
 def test_trajectories_that_cannot_be_are_refused_in_one_line_and_move_nothing(
-    hand: Hand, peer: Peer, words: v.RosTypes, home: Vector
+    hand: Hand, peer: Peer, types: v.RosTypes, home: Vector
 ) -> None:
     import re
 
@@ -220,7 +220,7 @@ def test_trajectories_that_cannot_be_are_refused_in_one_line_and_move_nothing(
     waited(there(hand, home), "home was not reached")
     peer.hear("/rosout", v.LOG, QosProfile(1000, latched=True))
     peer.hear("joint_states", v.JOINT_STATE)
-    for name, (message, said) in bad(words, hand.spec, home + 0.2).items():
+    for name, (message, said) in bad(types, hand.spec, home + 0.2).items():
         peer.say(TRAJECTORY, message)
         refusal = peer.refusal()
         assert re.search(said, refusal), f"{name}: {refusal!r}"
@@ -243,9 +243,9 @@ def test_set_points_that_cannot_be_are_refused_and_the_hand_stays(hand: Hand, pe
     assert "lacks joint_3.0" in peer.refusal()
     peer.lib_cmd("conf/postures/home.yaml")
     assert "no word named" in peer.refusal()
-    peer.say("gravity", peer.words.make(v.VECTOR, x=0.0, y=float("nan"), z=0.0))
+    peer.say("gravity", peer.types.make(v.VECTOR, x=0.0, y=float("nan"), z=0.0))
     assert "gravity needs three finite numbers" in peer.refusal()
-    peer.say("envelop_torque", peer.words.make(v.FLOAT, data=7.0))
+    peer.say("envelop_torque", peer.types.make(v.FLOAT, data=7.0))
     assert "envelop_torque must be 0 to 1, not 7" in peer.refusal()
     assert there(hand, home)()
 
@@ -299,7 +299,7 @@ def test_one_drives_until_it_was_quiet_or_its_motion_is_over() -> None:
     assert lock.acquire(a, 10.5)
 
 
-def test_what_pushes_on_a_fingertip_is_told_in_newtons(hand: Hand, peer: Peer, words: v.RosTypes) -> None:
+def test_what_pushes_on_a_fingertip_is_told_in_newtons(hand: Hand, peer: Peer, types: v.RosTypes) -> None:
     """0.3 N·m that lead the third joint of the index finger back are what so many newtons at its tip do."""
     peer.lib_cmd("home")
     waited(there(hand, load_posture("home", hand.spec)), "home was not reached")
@@ -347,13 +347,13 @@ def test_when_the_hand_ends_the_bridge_says_why_and_ends(namespace: str, peer: P
     assert "rad/s" in last.status[0].message
 
 
-def test_names_and_domains_that_ros_does_not_allow_are_refused(words: v.RosTypes, namespace: str) -> None:
+def test_names_and_domains_that_ros_does_not_allow_are_refused(types: v.RosTypes, namespace: str) -> None:
     assert checked("a/b/") == "/a/b"
     assert checked("/") == "/"
     for wrong in ("a b", "1st", "a//b", "/a/ü"):
         with pytest.raises(ConfigError, match="namespace has letters"):
             checked(wrong)
     with pytest.raises(ConfigError, match="ROS_DOMAIN_ID must be 0 to 232, not 233"):
-        Node(words, "n", "/", 233)
+        Node(types, "n", "/", 233)
     with pytest.raises(ConfigError, match="no ROS 2 distribution named 'jazy'; did you mean 'jazzy'"):
         v.ros_types_by_name("jazy")

@@ -64,10 +64,10 @@ def cell(namespace: str) -> Iterator[Served]:
     made.close()
 
 
-def target(words: v.RosTypes, cell: Served, place: Any, frame: str = "world", turn: Any = None) -> Any:
+def target(types: v.RosTypes, cell: Served, place: Any, frame: str = "world", turn: Any = None) -> Any:
     """A target_frame with the palm's own orientation where it waits."""
     pose = np.concatenate([place, cell.made.security.quaternion if turn is None else turn])
-    return build.pose(words, 0, frame, pose)
+    return build.pose(types, 0, frame, pose)
 
 
 def test_joint_states_have_arm_and_hand_in_one_message(cell: Served, peer: Peer) -> None:
@@ -113,12 +113,12 @@ def test_points_wrench_pose_and_frames_are_where_the_cell_has_them(cell: Served,
     assert -0.01 < world[2] < 0.09
 
 
-def test_target_frame_leads_the_palm_no_faster_than_it_may(cell: Served, peer: Peer, words: v.RosTypes) -> None:
+def test_target_frame_leads_the_palm_no_faster_than_it_may(cell: Served, peer: Peer, types: v.RosTypes) -> None:
     wanted = np.array([-0.15, 0.1, 0.38])
-    peer.say(topics.TARGET, target(words, cell, wanted))
+    peer.say(topics.TARGET, target(types, cell, wanted))
     assert waited(lambda: bool(np.linalg.norm(cell.palm - wanted) < 0.01), "not there", 20.0)
     foot = cell.made.robot.base.position
-    peer.say(topics.TARGET, target(words, cell, np.array([-0.2, 0.0, 0.4]) - foot, "fer_link0"))
+    peer.say(topics.TARGET, target(types, cell, np.array([-0.2, 0.0, 0.4]) - foot, "fer_link0"))
     assert waited(
         lambda: bool(np.linalg.norm(cell.palm - [-0.2, 0.0, 0.4]) < 0.01), "not there, in the base's frame", 20.0
     )
@@ -136,13 +136,13 @@ def test_target_frame_leads_the_palm_no_faster_than_it_may(cell: Served, peer: P
     ],
 )  # fmt: skip
 def test_a_target_that_cannot_be_is_refused_in_a_sentence_and_the_arm_stands(
-    cell: Served, peer: Peer, words: v.RosTypes, place: Any, frame: str, turn: Any, said: str
+    cell: Served, peer: Peer, types: v.RosTypes, place: Any, frame: str, turn: Any, said: str
 ) -> None:
     import re
 
     peer.hear("/rosout", v.LOG, LOG)
     before = cell.palm
-    peer.say(topics.TARGET, target(words, cell, place, frame, turn))
+    peer.say(topics.TARGET, target(types, cell, place, frame, turn))
     found = peer.listen(10.0, lambda topic, message: message.level == 30)
     assert found is not None
     assert re.search(said, found.msg), found.msg
@@ -152,12 +152,12 @@ def test_a_target_that_cannot_be_is_refused_in_a_sentence_and_the_arm_stands(
 
 
 def test_a_trajectory_moves_the_fingers_and_one_that_cannot_be_does_not(
-    cell: Served, peer: Peer, words: v.RosTypes
+    cell: Served, peer: Peer, types: v.RosTypes
 ) -> None:
     spec, hand = cell.made.hand.spec, cell.made.robot.hand_sim
     peer.hear("/rosout", v.LOG, LOG)
     goal = cell.made.open + 0.2
-    peer.say(TRAJECTORY, trajectory(words, spec, [0.8], goal[None]))
+    peer.say(TRAJECTORY, trajectory(types, spec, [0.8], goal[None]))
 
     def there() -> bool:
         return bool(np.abs(hand.data.qpos[hand._qpos] - goal).max() < 0.06)
@@ -166,9 +166,9 @@ def test_a_trajectory_moves_the_fingers_and_one_that_cannot_be_does_not(
     far = goal.copy()
     far[3] = 3.0
     for message, said in (
-        (trajectory(words, spec, [1.0], far[None]), "outside its limits"),
-        (trajectory(words, spec, [0.01], cell.made.open[None]), "is where the guard stops: slow down"),
-        (trajectory(words, spec, [1.0], goal[None, 1:], names=list(spec.joints[1:])), "lacks joint_0.0"),
+        (trajectory(types, spec, [1.0], far[None]), "outside its limits"),
+        (trajectory(types, spec, [0.01], cell.made.open[None]), "is where the guard stops: slow down"),
+        (trajectory(types, spec, [1.0], goal[None, 1:], names=list(spec.joints[1:])), "lacks joint_0.0"),
     ):
         peer.say(TRAJECTORY, message)
         found = peer.listen(10.0, lambda topic, message: message.level == 30)
@@ -176,19 +176,19 @@ def test_a_trajectory_moves_the_fingers_and_one_that_cannot_be_does_not(
     assert there()
 
 
-def test_while_the_state_machine_leads_nobody_else_does(namespace: str, peer: Peer, words: v.RosTypes) -> None:
+def test_while_the_state_machine_leads_nobody_else_does(namespace: str, peer: Peer, types: v.RosTypes) -> None:
     made = cell_of()
     with open_cell(made, namespace=namespace, domain=DOMAIN):
         peer.hear("/rosout", v.LOG, LOG)
-        peer.say(topics.TARGET, target(words, Served(made), [-0.1, 0.0, 0.4]))
+        peer.say(topics.TARGET, target(types, Served(made), [-0.1, 0.0, 0.4]))
         assert "the state machine leads the cell; begin it with --follow" in peer.refusal()
     made.close()
 
 
-def test_a_pose_comes_back_from_its_message(words: v.RosTypes) -> None:
+def test_a_pose_comes_back_from_its_message(types: v.RosTypes) -> None:
     turn = np.array([0.5, -0.5, 0.5, 0.5])
-    message = build.pose(words, 7, "world", np.array([1.0, 2.0, 3.0, *turn]))
-    found = build.pose_in(words.decode(words.encode(message), v.POSE), "x")
+    message = build.pose(types, 7, "world", np.array([1.0, 2.0, 3.0, *turn]))
+    found = build.pose_in(types.decode(types.encode(message), v.POSE), "x")
     assert isinstance(found, Pose)
     np.testing.assert_allclose(found.position, [1.0, 2.0, 3.0])
     np.testing.assert_allclose(found.rotation, matrix_from_quaternion(turn))

@@ -25,15 +25,15 @@ KINDS = sorted(
 )
 
 
-def filled(words: v.RosTypes, kind: str, rng: np.random.Generator) -> Any:
+def filled(types: v.RosTypes, kind: str, rng: np.random.Generator) -> Any:
     """A message of a type with something in every field, nested ones and lists of odd lengths too."""
-    return words.make(kind, **{name: _value(words, shape, rng) for name, shape in words.fields(kind)})
+    return types.make(kind, **{name: _value(types, shape, rng) for name, shape in types.fields(kind)})
 
 
-def _value(words: v.RosTypes, shape: Any, rng: np.random.Generator) -> Any:
+def _value(types: v.RosTypes, shape: Any, rng: np.random.Generator) -> Any:
     node, args = shape
     if node.name == "NAME":
-        return filled(words, args, rng)
+        return filled(types, args, rng)
     if node.name == "BASE":
         if args[0] == "string":
             return "é" * int(rng.integers(0, 7))
@@ -41,7 +41,7 @@ def _value(words: v.RosTypes, shape: Any, rng: np.random.Generator) -> Any:
             return float(np.float32(rng.normal()))
         return int(rng.integers(0, 100)) if args[0] != "bool" else bool(rng.integers(2))
     length = args[1] if node.name == "ARRAY" else int(rng.integers(0, 5))
-    values = [_value(words, args[0], rng) for _ in range(length)]
+    values = [_value(types, args[0], rng) for _ in range(length)]
     if args[0][0].name == "NAME" or args[0][1][0] == "string":
         return values
     kind = {"char": "uint8", "byte": "uint8", "octet": "uint8"}.get(args[0][1][0], args[0][1][0])
@@ -51,13 +51,13 @@ def _value(words: v.RosTypes, shape: Any, rng: np.random.Generator) -> Any:
 @pytest.mark.parametrize("distro", v.DISTROS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_cyclone_dds_and_rosbags_write_the_same_bytes_for_every_type(kind: str, distro: v.Distro) -> None:
-    words, rng = v.ros_types(distro), np.random.default_rng(1)
+    types, rng = v.ros_types(distro), np.random.default_rng(1)
     for _ in range(20):
-        data = words.encode(filled(words, kind, rng))
-        read = struct(words, kind).deserialize(data)
+        data = types.encode(filled(types, kind, rng))
+        read = struct(types, kind).deserialize(data)
         again = read.serialize(use_version_2=False)
         assert again.ljust(len(data), b"\0") == data.ljust(len(again), b"\0")
-        assert words.encode(words.decode(data, kind)) == data
+        assert types.encode(types.decode(data, kind)) == data
 
 
 @pytest.mark.parametrize(
@@ -67,8 +67,8 @@ def test_cyclone_dds_and_rosbags_write_the_same_bytes_for_every_type(kind: str, 
         (v.STRING, "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"),
     ],
 )
-def test_types_have_the_hashes_that_real_systems_print(words: v.RosTypes, kind: str, known: str) -> None:
-    assert words.hash(kind) == known
+def test_types_have_the_hashes_that_real_systems_print(types: v.RosTypes, kind: str, known: str) -> None:
+    assert types.hash(kind) == known
 
 
 def test_a_participants_id_has_the_length_of_its_distribution() -> None:
@@ -90,13 +90,13 @@ def matrix(transform: Any) -> Array:
     return turn
 
 
-def test_frames_end_where_the_kinematics_have_the_fingertips(words: v.RosTypes, side: Side) -> None:
+def test_frames_end_where_the_kinematics_have_the_fingertips(types: v.RosTypes, side: Side) -> None:
     spec = load_spec(side=side)
     frames, model = LinkFrames(spec), hand_kinematics(spec)
     assert frames.root == "palm_link"
     for seed in range(5):
         position = np.random.default_rng(seed).uniform(spec.lower, spec.upper)
-        moving, fixed = frames.transforms_at(words, 7, position), frames.static_transforms(words, 7)
+        moving, fixed = frames.transforms_at(types, 7, position), frames.static_transforms(types, 7)
         placed = {frames.root: np.eye(4)}
         for each in (*moving.transforms, *fixed.transforms):
             placed[each.child_frame_id] = placed[each.header.frame_id] @ matrix(each.transform)
@@ -136,27 +136,27 @@ def test_joints_that_are_missing_unknown_or_double_are_named(spec: HandSpec, nam
         build.joint_order(spec, names, "joint_cmd")
 
 
-def test_a_hand_of_another_shape_has_its_own_names(words: v.RosTypes, spec: HandSpec) -> None:
+def test_a_hand_of_another_shape_has_its_own_names(types: v.RosTypes, spec: HandSpec) -> None:
     three = dataclasses.replace(spec, joints=spec.joints[:3], aliases=spec.aliases[:3])
     assert build.joint_order(three, ["index_2", "index_0", "index_1"], "x") == [1, 2, 0]
 
 
-def test_bytes_of_something_else_are_refused_in_one_line(words: v.RosTypes) -> None:
+def test_bytes_of_something_else_are_refused_in_one_line(types: v.RosTypes) -> None:
     with pytest.raises(ConfigError, match="5 bytes are no sensor_msgs/msg/JointState"):
-        words.decode(b"\0\1\0\0\5", v.JOINT_STATE)
+        types.decode(b"\0\1\0\0\5", v.JOINT_STATE)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_bytes_that_were_cut_or_changed_never_raise_anything_else(words: v.RosTypes, kind: str) -> None:
+def test_bytes_that_were_cut_or_changed_never_raise_anything_else(types: v.RosTypes, kind: str) -> None:
     rng = np.random.default_rng(2)
-    data, refused = words.encode(filled(words, kind, rng)), 0
+    data, refused = types.encode(filled(types, kind, rng)), 0
     for _ in range(200):
         damaged = bytearray(data[: int(rng.integers(0, len(data) + 1))])
         for _ in range(int(rng.integers(0, 4))):
             if damaged:
                 damaged[int(rng.integers(len(damaged)))] = int(rng.integers(256))
         try:
-            words.decode(bytes(damaged), kind)
+            types.decode(bytes(damaged), kind)
         except ConfigError:
             refused += 1
     assert refused > 0

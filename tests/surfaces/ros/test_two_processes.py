@@ -52,7 +52,7 @@ def test_another_process_drives_a_hand_on_a_virtual_bus_and_ctrl_c_ends_it(
 
 
 def test_five_hundred_messages_there_and_back_all_arrive_in_order(
-    make_peer: Callable[[], Peer], words: v.RosTypes, tmp_path: os.PathLike[str]
+    make_peer: Callable[[], Peer], types: v.RosTypes, tmp_path: os.PathLike[str]
 ) -> None:
     """The echo is a process of its own."""
     here = make_peer()
@@ -60,21 +60,21 @@ def test_five_hundred_messages_there_and_back_all_arrive_in_order(
 import sys
 from allegro_twin.recording.messages import message_types as v
 from allegro_twin.surfaces.ros.node import Node
-words = v.ros_types()
-node = Node(words, "echo", "/", {DOMAIN})
+types = v.ros_types()
+node = Node(types, "echo", "/", {DOMAIN})
 node.subscribe("{here.full("ping")}", v.JOINT_STATE)
 node.advertise("{here.full("pong")}", v.JOINT_STATE)
 print("ready", flush=True)
 while True:
     for topic, data, sender in node.wait(1.0):
-        node.publish("{here.full("pong")}", words.decode(data, v.JOINT_STATE))
+        node.publish("{here.full("pong")}", types.decode(data, v.JOINT_STATE))
 """
     echo = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     try:
         assert echo.stdout is not None
         assert echo.stdout.readline() == "ready\n"
         here.hear("pong", v.JOINT_STATE)
-        message = words.make(v.JOINT_STATE, header=words.header(0), name=["a"], position=np.zeros(16),
+        message = types.make(v.JOINT_STATE, header=types.header(0), name=["a"], position=np.zeros(16),
                              velocity=np.zeros(16), effort=np.zeros(16))  # fmt: skip
         here.say("ping", message)
         here.listen(5.0, lambda topic, message: True)

@@ -271,7 +271,7 @@ def test_what_is_determined_goes_into_the_hands_file_and_makes_the_twin(tmp_path
     spec, wiring = load_spec(serial=str(file)), load_wiring(serial=str(file))
     assert spec.drive is not None
     np.testing.assert_allclose(spec.actuation.damping, hidden.DAMPING, rtol=0.05)
-    known = result.values["offset"].determined
+    known = result.values["offset"].identifiable
     assert known.sum() >= 10
     np.testing.assert_allclose(
         np.array(wiring.calibration.encoder_offset)[known] * COUNT, hidden.OFFSET[known], atol=0.01
@@ -484,11 +484,11 @@ def test_offsets_by_weight_stand_beside_those_by_end_stops(tmp_path: Path) -> No
     assert np.isnan(pipeline._stops(nominal, nominal)).all()
     with_stops = replace(found, end_stop_offsets=stops)
     off = found.values["offset"]
-    first = int(np.flatnonzero(off.determined)[0])
+    first = int(np.flatnonzero(off.identifiable)[0])
     values = report_page(with_stops).split("<h2>Values</h2>")[1]
     row = values.split(f"<tr><td>{nominal.aliases[first]}</td>")[1].split("</tr>")[0]
     assert f"{1e3 * (off.value[first] - shift[first]):+.1f}</td>" in row
-    apart = np.abs(off.value - shift)[off.determined]
+    apart = np.abs(off.value - shift)[off.identifiable]
     said = next(line for line in lines(with_stops) if "end stops" in line)
     assert f"{1e3 * np.median(apart):.1f} mrad apart in the median, {1e3 * apart.max():.1f} at most" in said
     assert "end stops" not in report_page(replace(found, end_stop_offsets=np.full(16, np.nan)))
@@ -557,7 +557,7 @@ def test_a_strength_that_a_file_has_goes_into_the_torque_constant_and_out_of_the
     one, other = (yaml.safe_load(path.read_text()) for path in (plain, weak))
     assert "strength" not in other["drive"]
     factor = np.array(other["wire"]["torque_constant"]) / one["wire"]["torque_constant"]
-    determined = result.values["torque_constant"].determined
+    determined = result.values["torque_constant"].identifiable
     np.testing.assert_allclose(factor[determined], 1.0, rtol=0.2)
     np.testing.assert_allclose(factor[~determined], 0.5, rtol=1e-4)
 

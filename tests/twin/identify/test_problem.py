@@ -74,7 +74,7 @@ def test_where_the_model_errs_what_was_known_counts_as_much_more(made: tuple[Pro
     doubt = np.where(np.arange(16) == JOINT, 10.0, 1.0)
     doubted = Problem(
         plain.motions, plain.player, np.full(16, 6e-5), prior_center(drive, drive), "known", every=40, length=SHORT,
-        doubt=doubt,
+        residual=doubt,
     )  # fmt: skip
     np.testing.assert_array_equal(plain.prior, plain.known)
     np.testing.assert_array_equal(doubted.known, plain.known)

@@ -65,11 +65,11 @@ def sample_points(points: Array, pixel: float, sigma: float, elevation: float) -
     return PointSample(points, outline, np.minimum(1.0, _TOLD / np.maximum(apart, 1e-9)), top, sigma)
 
 
-def thinned(seen: PointSample, most: int, draws: np.random.Generator) -> PointSample:
+def thinned(sample: PointSample, most: int, draws: np.random.Generator) -> PointSample:
     """With at most so many of its points, and the same outline."""
-    if len(seen.points) <= most:
-        return seen
-    return replace(seen, points=seen.points[draws.integers(len(seen.points), size=most)])
+    if len(sample.points) <= most:
+        return sample
+    return replace(sample, points=sample.points[draws.integers(len(sample.points), size=most)])
 
 
 Residuals = Callable[[Array], Array]
@@ -182,6 +182,6 @@ def main_direction(places: Array) -> float:
     return 0.5 * float(np.arctan2(2.0 * (x @ y), x @ x - y @ y))
 
 
-def behind(seen: PointSample, radius: float) -> Array:
+def behind(sample: PointSample, radius: float) -> Array:
     """The middle of what is seen from the front is nearer than the solid's: a start, (2,), m."""
-    return np.asarray(seen.points[:, :2].mean(axis=0) + np.array([0.25 * radius, 0.0]))
+    return np.asarray(sample.points[:, :2].mean(axis=0) + np.array([0.25 * radius, 0.0]))

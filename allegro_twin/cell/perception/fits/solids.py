@@ -42,10 +42,10 @@ _SIZES = (0.004, 1.0)
 """Edges that a thing on a table may have, m."""
 
 
-def fit_solids(seen: PointSample, draws: np.random.Generator) -> list[Solid]:
+def fit_solids(sample: PointSample, draws: np.random.Generator) -> list[Solid]:
     """The solids that may be it, the best first; none where none converges to a size that a thing can have."""
-    few, many = thinned(seen, _FEW, draws), thinned(seen, _MANY, draws)
-    good = _GOOD * float(np.hypot(seen.sigma, _FLOOR))
+    few, many = thinned(sample, _FEW, draws), thinned(sample, _MANY, draws)
+    good = _GOOD * float(np.hypot(sample.sigma, _FLOOR))
     found = _best(MODELS, few, many, good, _STARTS)
     if found and found[0].error <= good:
         return found
@@ -83,24 +83,24 @@ def _tried(
     return found
 
 
-def _compared(model: SolidModel, seen: PointSample, scale: float, least: float, starts: int) -> SolidFit | None:
+def _compared(model: SolidModel, sample: PointSample, scale: float, least: float, starts: int) -> SolidFit | None:
     """The best of its fits, or None where none is worth more than a glance beside the `least` error so far."""
-    glances = [_solved(model, seen, start, scale, _GLANCE) for start in _best_starts(model, seen, scale, starts)]
+    glances = [_solved(model, sample, start, scale, _GLANCE) for start in _best_starts(model, sample, scale, starts)]
     most = min(_HOPELESS * least, _CLOSE * min(fit.error for fit in glances))
-    fits = [_solved(model, seen, fit.parameters, scale, _FIRST) for fit in glances if fit.error <= most]
+    fits = [_solved(model, sample, fit.parameters, scale, _FIRST) for fit in glances if fit.error <= most]
     return min(fits, key=lambda fit: fit.error, default=None)
 
 
-def _solved(model: SolidModel, seen: PointSample, start: Vector, scale: float, steps: int) -> SolidFit:
-    return solve(model.residuals(seen), start, model.counts(seen), scale, steps)
+def _solved(model: SolidModel, sample: PointSample, start: Vector, scale: float, steps: int) -> SolidFit:
+    return solve(model.residuals(sample), start, model.counts(sample), scale, steps)
 
 
-def _best_starts(model: SolidModel, seen: PointSample, scale: float, most: int) -> list[Vector]:
+def _best_starts(model: SolidModel, sample: PointSample, scale: float, most: int) -> list[Vector]:
     """Those with the least loss, so many at most."""
-    starts = model.starts(seen)
+    starts = model.starts(sample)
     if len(starts) <= most:
         return starts
-    loss = np.log1p(np.square(model.residuals(seen)(np.stack(starts)) / scale)) @ model.counts(seen)
+    loss = np.log1p(np.square(model.residuals(sample)(np.stack(starts)) / scale)) @ model.counts(sample)
     return [starts[k] for k in np.argsort(loss)[:most]]
 
 

@@ -19,7 +19,7 @@ from typing import Any, TypeAlias
 from allegro_twin.drivers.base.keeper.process import ARMED, BEAT, CUTS, HUSH, OWED, PATIENCE, SPEAK, VOICE
 from allegro_twin.errors import LinkError
 
-Way: TypeAlias = dict[str, Any]
+LinkAddress: TypeAlias = dict[str, Any]
 """How another process reaches the same hand: `kind` and what it takes; see `process.links`."""
 _CELLS = 8
 _PROGRAM = "import sys; sys.path.append(sys.argv[1]); from process.watch import main; main()"
@@ -39,7 +39,7 @@ class Keeper:
 
     def __init__(
         self,
-        way: Way,
+        address: LinkAddress,
         limp: Sequence[tuple[int, bytes, bool]] = (),
         reports: Collection[int] = (),
         ask: tuple[int, int, int] | None = None,
@@ -52,14 +52,14 @@ class Keeper:
         orders = {
             "program": os.getpid(),
             "memory": memory,
-            "address": way,
+            "address": address,
             "limp": [(identifier, data.hex(), remote) for identifier, data, remote in limp],
             "reports": sorted(reports),
             "ask": ask,
         }
         self._seen = 0
         try:
-            self._line, self.process = _start(orders, [memory, *([way["fd"]] if "fd" in way else [])])
+            self._line, self.process = _start(orders, [memory, *([address["fd"]] if "fd" in address else [])])
         finally:
             os.close(memory)
 

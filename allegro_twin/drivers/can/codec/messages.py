@@ -131,7 +131,7 @@ class Ahrs(NamedTuple):
 
     mask: int
     """Which quantity: a bit of SetAhrs.mask."""
-    words: tuple[int, int, int]
+    values: tuple[int, int, int]
 
 
 class StatusBits(IntFlag):

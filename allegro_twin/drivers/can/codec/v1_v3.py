@@ -188,5 +188,5 @@ def _ahrs_decoder(mask: int) -> Decoder:
 def _ahrs_frame(message: m.Ahrs) -> Frame:
     if message.mask not in (1, 2, 4, 8):
         raise ProtocolError(f"an attitude report is of one quantity, 1, 2, 4 or 8, not {message.mask}")
-    words = [nearest(value, 0, 0xFFFF) for value in message.words]
+    words = [nearest(value, 0, 0xFFFF) for value in message.values]
     return Frame(_from_hand(AHRS + message.mask.bit_length() - 1), _WORDS.pack(*words))

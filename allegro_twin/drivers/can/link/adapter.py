@@ -11,7 +11,7 @@ from contextlib import suppress
 
 import can
 
-from allegro_twin.drivers.base.keeper.keeper import Way
+from allegro_twin.drivers.base.keeper.keeper import LinkAddress
 from allegro_twin.drivers.can.codec.frames import LOST, Frame, JointFrames, single
 from allegro_twin.drivers.can.link.shared_bus import Link, Stamped
 from allegro_twin.drivers.can.link.timestamps import Stamps
@@ -75,18 +75,18 @@ class AdapterLink(Link):
         closed: Callable[[], None] = lambda: None,
         *,
         local: bool = False,
-        way: Way | None = None,
+        address: LinkAddress | None = None,
     ) -> None:
         super().__init__(name or str(bus.channel_info), bitrate)
-        self._way = way
+        self._address = address
         self._bus, self._closed, self._local, self._stamps = bus, closed, local, Stamps()
         self.lockstep = bool(getattr(bus, "lockstep", False))
         self._untold: deque[can.Message] = deque()  # Sent, with our time, before anything told the clock of stamps.
         self._telling = threading.Lock()
 
     @property
-    def address(self) -> Way | str:
-        return self._way or super().address
+    def address(self) -> LinkAddress | str:
+        return self._address or super().address
 
     def now(self) -> float:
         return float(self._bus.now) if self.lockstep else time.monotonic()  # type: ignore[attr-defined]

@@ -26,8 +26,12 @@ def shared(interface: str, channel: str, bitrate: int, options: Mapping[str, Any
     if key not in _open:
         bus = open_bus(interface, channel, bitrate, options)
         closed = lambda: _open.__delitem__(key)  # noqa: E731  # A name for what stands in the call below.
-        way = {"kind": "socketcan", "channel": channel} if interface == "socketcan" else getattr(bus, "address", None)
-        _open[key] = AdapterLink(bus, bitrate, f"{interface} {channel}", closed, local=interface in LOCAL, way=way)
+        address = (
+            {"kind": "socketcan", "channel": channel} if interface == "socketcan" else getattr(bus, "address", None)
+        )
+        _open[key] = AdapterLink(
+            bus, bitrate, f"{interface} {channel}", closed, local=interface in LOCAL, address=address
+        )
     return _open[key]
 
 
@@ -48,7 +52,7 @@ def open_bus(interface: str, channel: str, bitrate: int, options: Mapping[str, A
     except (can.CanError, OSError) as error:
         if number(error) in _FORBIDDEN:
             raise LinkError(f"{where}: no permission ({error}); on a serial port, join the group dialout") from error
-        raise LinkError(f"{where} does not open: {error}; {_way_out(interface, channel, bitrate)}") from error
+        raise LinkError(f"{where} does not open: {error}; {_remedy(interface, channel, bitrate)}") from error
     except (TypeError, ValueError) as error:
         raise ConfigError(f"{where}: python-can does not take these settings: {error}") from error
 
@@ -66,7 +70,7 @@ def _bus(interface: str, channel: str, bitrate: int, options: dict[str, Any]) ->
     return can.Bus(channel=channel or None, interface=interface, bitrate=bitrate, ignore_config=True, **options)
 
 
-def _way_out(interface: str, channel: str, bitrate: int) -> str:
+def _remedy(interface: str, channel: str, bitrate: int) -> str:
     """What to do about a bus that does not open."""
     match interface:
         case "socketcan":

@@ -10,7 +10,7 @@ from typing import NamedTuple, TypeAlias
 
 import can
 
-from allegro_twin.drivers.base.keeper.keeper import Way
+from allegro_twin.drivers.base.keeper.keeper import LinkAddress
 from allegro_twin.drivers.can.codec.frames import LOST, Frame, JointFrames
 from allegro_twin.drivers.can.link.load import Load, check_load
 
@@ -66,7 +66,7 @@ class Link(ABC):
         """Let go of the bus."""
 
     @property
-    def address(self) -> Way | str:
+    def address(self) -> LinkAddress | str:
         """How a process of its own can reach this bus, or why none can."""
         return "this adapter serves one program at a time"
 

@@ -16,7 +16,7 @@ from typing import Any
 import can
 from can.interfaces.slcan import slcanBus
 
-from allegro_twin.drivers.base.keeper.keeper import Way
+from allegro_twin.drivers.base.keeper.keeper import LinkAddress
 from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.link.adapter import PortTaken
 
@@ -46,7 +46,7 @@ class SlcanBus(slcanBus):
             unless_open.pop_all()
 
     @property
-    def address(self) -> Way:
+    def address(self) -> LinkAddress:
         """Another process can go on writing to the port that is open here."""
         return {"kind": "slcan", "fd": self.serialPortOrig.fileno()}
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import can
 
-from allegro_twin.drivers.base.keeper.keeper import Way
+from allegro_twin.drivers.base.keeper.keeper import LinkAddress
 
 _CONNECT, _FAREWELL = 5.0, 0.5
 """s for the server to answer; for what was said last to be heard."""
@@ -29,7 +29,7 @@ class SocketcandBus(can.BusABC):
 
     def __init__(self, channel: str, host: str, port: int, tcp_tune: bool = True, **ignored: Any) -> None:
         self._text, self._queue = "", deque[can.Message]()
-        self.address: Way = {"kind": "socketcand", "host": str(host), "port": int(port), "channel": channel}
+        self.address: LinkAddress = {"kind": "socketcand", "host": str(host), "port": int(port), "channel": channel}
         try:
             self._socket = socket.create_connection((str(host), int(port)), timeout=_CONNECT)
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

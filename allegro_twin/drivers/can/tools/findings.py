@@ -171,10 +171,10 @@ def joints(positions: Array, spec: HandSpec, version: str) -> Finding:
     return Finding("joints", f"all inside their ranges; they moved {np.ptp(positions, axis=0).max():.4f} rad at most")
 
 
-def side(said: str | None, spec: HandSpec) -> Finding:
+def side(reported: str | None, spec: HandSpec) -> Finding:
     """Which side it is. The ranges of both sides are the same, so only the hand itself can tell."""
-    if said is not None:
-        return Finding("side", f"{said}, says the hand")
+    if reported is not None:
+        return Finding("side", f"{reported}, says the hand")
     return Finding("side", f"cannot be told from here; make sure that it is a {spec.side} hand, as the config says")
 
 

@@ -21,12 +21,12 @@ AROUND = _FRONT.size + _CRC
 """Bytes of an answer that are not what was asked for."""
 
 
-def clean(said: bytes, ids: Sequence[int], size: int) -> bytes | None:
+def clean(packets: bytes, ids: Sequence[int], size: int) -> bytes | None:
     """Data of the servos' answers, so many bytes each, one after the other; None where anything is not as nearly
     always: an answer of another, an error, an alert, a stuffed or a garbled one."""
-    if len(said) != len(ids) * (AROUND + size):
+    if len(packets) != len(ids) * (AROUND + size):
         return None
-    rows = np.frombuffer(said, np.uint8).reshape(len(ids), AROUND + size)
+    rows = np.frombuffer(packets, np.uint8).reshape(len(ids), AROUND + size)
     body, data = rows[:, :-_CRC], rows[:, _FRONT.size : -_CRC]
     if body[:, : _FRONT.size].tobytes() != _fronts(tuple(ids), size).tobytes():
         return None

@@ -125,26 +125,28 @@ class SurfaceSample(NamedTuple):
 
 def sample_placed_surface(placed: PlacedObject, count: int, random: Random) -> SurfaceSample:
     """Points on an object where it stands, world."""
-    own = sample_surface(placed.thing, count, random)
+    own = sample_surface(placed.grasp_object, count, random)
     turn = matrix_from_quaternion(np.array(placed.quaternion))
     return SurfaceSample(own.points @ turn.T + placed.position, own.normals @ turn.T)
 
 
-def sample_surface(thing: GraspObject, count: int, random: Random) -> SurfaceSample:
+def sample_surface(grasp_object: GraspObject, count: int, random: Random) -> SurfaceSample:
     """Points on an object, in its own frame. Raises ConfigError for an MJCF."""
-    match thing.shape, thing.size:
+    match grasp_object.shape, grasp_object.size:
         case "sphere", (diameter,):
             normals = _unit(random.normal(size=(count, 3)))
             return SurfaceSample(diameter / 2 * normals, normals)
         case "cylinder", (diameter, height):
             return _cylinder(diameter / 2, height, count, random)
         case "box", _:
-            return _box(thing.half_extents(), count, random)
+            return _box(grasp_object.half_extents(), count, random)
         case "ellipsoid", _:
-            return _ellipsoid(thing.half_extents(), count, random)
+            return _ellipsoid(grasp_object.half_extents(), count, random)
         case "mesh", _:
-            return _mesh(thing, count, random)
-    raise ConfigError(f"object {thing.name}: the surface of an {thing.shape} is not known; give it as a mesh")
+            return _mesh(grasp_object, count, random)
+    raise ConfigError(
+        f"object {grasp_object.name}: the surface of an {grasp_object.shape} is not known; give it as a mesh"
+    )
 
 
 def _cylinder(radius: float, height: float, count: int, random: Random) -> SurfaceSample:
@@ -182,8 +184,8 @@ def _ellipsoid(half: Array, count: int, random: Random) -> SurfaceSample:
     return SurfaceSample(found * half, _unit(found / half))
 
 
-def _mesh(thing: GraspObject, count: int, random: Random) -> SurfaceSample:
-    mesh = thing.mesh()
+def _mesh(grasp_object: GraspObject, count: int, random: Random) -> SurfaceSample:
+    mesh = grasp_object.mesh()
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     cross = np.cross(b - a, c - a)
     area = np.linalg.norm(cross, axis=1)

@@ -112,8 +112,8 @@ class Proposer:
             ends = zip("xyz", own.min(axis=0), own.max(axis=0), strict=True)
             reach = ", ".join(f"{axis} {low:.3f} to {high:.3f}" for axis, low, high in ends)
             raise ConfigError(
-                f"object {placed.thing.name}: nothing of its surface is in the region {self.region}; it reaches over "
-                f"{reach}, m in its own frame"
+                f"object {placed.grasp_object.name}: nothing of its surface is in the region {self.region}; it reaches "
+                f"over {reach}, m in its own frame"
             )
         return SurfaceSample(on.points[inside], on.normals[inside])
 

@@ -29,7 +29,7 @@ _CODES = {"held": 0, "cleared": 0, "missed": 5, "refused": 5, "fault": 4}
 
 def lab(
     config: Annotated[Path, typer.Argument(help="Config of a cell, such as conf/lab_allegro.yaml.")],
-    thing: Annotated[
+    object_name: Annotated[
         str | None, typer.Option("--object", help="Object of the catalogue or mesh file, for the first.")
     ] = None,
     scale: Annotated[
@@ -86,7 +86,7 @@ def lab(
     settings = load_settings(LabSettings, file)
     settings = settings.model_copy(
         update={
-            "objects": _objects(settings, thing, scale, file.parent),
+            "objects": _objects(settings, object_name, scale, file.parent),
             "seed": settings.seed if seed is None else seed,
             "tray": TraySettings() if clear and settings.tray is None else settings.tray,
         }
@@ -98,7 +98,7 @@ def lab(
             f"{'--clear' if clear else '--film'} is of a cell that picks by itself, and with "
             f"{'--follow' if follow else '--panel'} somebody leads it: leave out one of them"
         )
-    cell = make_cell(settings, wanted=None if thing is None else settings.objects[0].name)
+    cell = make_cell(settings, wanted=None if object_name is None else settings.objects[0].name)
     report, unwritten = None, ""
     try:
         with options.interruptible(film), ExitStack() as stack:
@@ -135,23 +135,24 @@ def lab(
 
 
 def _objects(
-    settings: LabSettings, thing: str | None, scale: float | None, folder: Path
+    settings: LabSettings, object_name: str | None, scale: float | None, folder: Path
 ) -> tuple[TableObjectSettings, ...]:
-    """What stands on the table, with `thing` where the first one would; files are those of the config's folder. Raises
-    ConfigError."""
+    """What stands on the table, with `object_name` where the first one would; files are those of the config's folder.
+    Raises ConfigError."""
     from allegro_twin.cell.settings import TableObjectSettings
     from allegro_twin.grasping.scenario import parse_object
 
     first, *others = settings.objects
-    if thing is not None:
-        placed, asked = {"at": first.at, "yaw": first.yaw}, parse_object(thing)
+    if object_name is not None:
+        placed, asked = {"at": first.at, "yaw": first.yaw}, parse_object(object_name)
         if any(each.name == asked.name for each in others):
             raise ConfigError(
-                f"--object {thing}: another {asked.name} is on the table; rename one: objects have different names"
+                f"--object {object_name}: another {asked.name} is on the table; rename one: objects have different "
+                "names"
             )
         first = TableObjectSettings(**{**asked.model_dump(exclude_unset=True), **placed})
     if scale is not None:
-        if thing is None or first.file is None:
+        if object_name is None or first.file is None:
             raise ConfigError(f"--scale is for the mesh of --object; {first.name} is none")
         first = first.model_copy(update={"scale": scale})
     return tuple(
@@ -231,17 +232,17 @@ def outcome_lines(report: LabReport) -> list[str]:
         lines.append(f"{report.released} put into the tray; in truth {said or 'none is in it'}")
         return [*lines, f"{report.end}; {report.end.sentence}"]
     lines += [f"another object, {name}, was moved by {1e3 * way:.0f} mm" for name, way in report.moved]
-    lines += [f"another object, {name}, fell off the table" for name in report.off_table if name != report.thing]
+    lines += [f"another object, {name}, fell off the table" for name in report.off_table if name != report.object_name]
     sentence = f"; {report.end.sentence}" if report.end.sentence else ""
     return [*lines, f"{report.end}{sentence}"]
 
 
 def _truth(report: LabReport) -> str:
     """Where the thing really is, by its name."""
-    if report.thing in report.off_table:
-        return f"{report.thing} is off the table"
+    if report.object_name in report.off_table:
+        return f"{report.object_name} is off the table"
     higher = "higher" if report.lifted >= 0.0 else "lower"
-    return f"{report.thing} is {1e3 * abs(report.lifted):.0f} mm {higher} than where it stood"
+    return f"{report.object_name} is {1e3 * abs(report.lifted):.0f} mm {higher} than where it stood"
 
 
 def solid_text(solid: Solid) -> str:
@@ -291,7 +292,9 @@ def _follow(
         host = Host(session, PageServer("127.0.0.1", port, "hold"))
         stack.callback(host.close)
         observers.append(session)
-        console.print(f"Open {host.serve_beside()} (Ctrl-C ends it)", soft_wrap=True, highlight=False, markup=False)
+        console.print(
+            f"Open {host.serve_in_background()} (Ctrl-C ends it)", soft_wrap=True, highlight=False, markup=False
+        )
     else:
         console.print("Ctrl-C ends it")
     hearing = Observers(remote.cell, [*observers, _PrintRefusals()], lens)

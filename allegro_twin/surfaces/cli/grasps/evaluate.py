@@ -64,7 +64,7 @@ def evaluate(
     vary: Vary = None,
     side: Annotated[options.Sides | None, typer.Option(help="Which hand; default: the scenario's.")] = None,
     grasp: options.OtherGrasp = None,
-    thing: options.OtherObject = None,
+    object_name: options.OtherObject = None,
     seed: OwnSeed = None,
     out: Annotated[
         Path | None,
@@ -123,8 +123,8 @@ def evaluate(
         if side is options.Sides.both:
             raise ConfigError("a policy is for one side: --side right or left")
         scenarios = {
-            "--protocol": protocol, "--uncertainty": uncertainty, "--vary": vary, "--grasp": grasp, "--object": thing,
-            "--out": out, "--rrd": rrd, "--address": address, "--jobs": count,
+            "--protocol": protocol, "--uncertainty": uncertainty, "--vary": vary, "--grasp": grasp,
+            "--object": object_name, "--out": out, "--rrd": rrd, "--address": address, "--jobs": count,
             "--engine": None if engine is options.Engines.local else engine.value,
         }  # fmt: skip
         _refuse_unused(scenarios, "scenarios", f"{targets[0]} is a policy")
@@ -143,10 +143,10 @@ def evaluate(
         trials.check_recordings(out)
     noise = _noise(uncertainty, vary, seed or 0)
     model, serial = model_or_file(hand)
-    asked = TargetOptions(protocol, _sides(side), grasp, thing, model, serial)
-    found = find_targets(_of_hand(_paths(targets), model), asked)
+    wanted = TargetOptions(protocol, _sides(side), grasp, object_name, model, serial)
+    found = find_targets(_of_hand(_paths(targets), model), wanted)
     for target in {target.item["file"]: target for target in found if "file" in target.item}.values():
-        for line in _said_of(target, asked=hand is not None):
+        for line in _said_of(target, named=hand is not None):
             console.warn(line)
     chosen = trials.engine_of(engine.value, address, count)
     results = trials.run_trials(found, noise, chosen, out)
@@ -157,12 +157,12 @@ def evaluate(
         raise typer.Exit(5)
 
 
-def _said_of(target: EvaluationTarget, *, asked: bool) -> list[str]:
-    """Sentences on what a grasp file does not say of its hand, and on what --object replaces. `asked`: for a hand."""
+def _said_of(target: EvaluationTarget, *, named: bool) -> list[str]:
+    """Sentences on what a grasp file does not say of its hand, and on what --object replaces. `named`: the hand."""
     from allegro_twin.grasping.interchange.read import assumed_hand, replaced_object
 
     item = target.item
-    said = [assumed_hand(Path(item["file"]), target.spec, asked=asked)]
+    said = [assumed_hand(Path(item["file"]), target.spec, named=named)]
     if "object" in item:
         said.append(replaced_object(Path(item["file"]), item["object"], target.spec))
     return said
@@ -213,8 +213,8 @@ def compare(
     model, serial = model_or_file(hand)
     if model is not None:
         raise ConfigError(f"--hand {hand} is a model of hand, and scenarios are of one: name one hand's own file")
-    asked = TargetOptions(protocol, _sides(side), serial=serial)
-    both = [_single(first, asked), _single(second or first, replace(asked, grasp=grasp))]
+    wanted = TargetOptions(protocol, _sides(side), serial=serial)
+    both = [_single(first, wanted), _single(second or first, replace(wanted, grasp=grasp))]
     if both[0].item == both[1].item:
         raise ConfigError(f"{first} and {second or first} are the same grasp on the same object")
     check_one_protocol(both)
@@ -289,10 +289,10 @@ def _paths(targets: list[str]) -> list[Path]:
     return found
 
 
-def _single(target: str, asked: TargetOptions) -> EvaluationTarget:
+def _single(target: str, wanted: TargetOptions) -> EvaluationTarget:
     from allegro_twin.grasping.evaluation.campaign import find_targets
 
-    found = find_targets(_paths([target]), asked)
+    found = find_targets(_paths([target]), wanted)
     if len(found) != 1:
         raise ConfigError(f"{target}: {len(found)} grasps; compare takes one on either side")
     return found[0]

@@ -25,7 +25,7 @@ def improve(
     grasp: Annotated[
         str | None, typer.Option(help="Start from this grasp, not the scenario's.", autocompletion=completion.grasps)
     ] = None,
-    thing: Annotated[
+    object_name: Annotated[
         str | None,
         typer.Option("--object", help="Use this object, not the scenario's first.", autocompletion=completion.objects),
     ] = None,
@@ -83,7 +83,7 @@ def improve(
         otherwise="nothing is compared or written", progress=lambda: f"{ended} of {rounds} rounds had ended"
     )
     with told:
-        settings, begun, spec, path = _load_start(scenario, grasp, thing, _own_spec(scenario, hand, side))
+        settings, begun, spec, path = _load_start(scenario, grasp, object_name, _own_spec(scenario, hand, side))
         chosen = engine_of(engine.value, address, 1 if engine is options.Engines.local else None)
         search = GraspImprovement(
             settings, begun, spec, path.parent, seed, rounds=rounds, population=population, draws=draws, unseen=unseen,
@@ -117,7 +117,7 @@ def _own_spec(scenario: str, hand: str | None, side: Side | None) -> HandSpec:
 
 
 def _load_start(
-    scenario: str, grasp: str | None, thing: str | None, spec: HandSpec
+    scenario: str, grasp: str | None, object_name: str | None, spec: HandSpec
 ) -> tuple[Scenario, Grasp, HandSpec, Path]:
     """The scenario, the grasp to start from, the hand and the scenario's file. Raises ConfigError."""
     from allegro_twin.grasping.scenario import load_scenario, parse_object
@@ -126,8 +126,8 @@ def _load_start(
 
     settings, path = load_scenario(scenario)
     settings = settings.model_copy(update={"side": spec.side})
-    if thing is not None:
-        settings = settings.model_copy(update={"objects": (parse_object(thing), *settings.objects[1:])})
+    if object_name is not None:
+        settings = settings.model_copy(update={"objects": (parse_object(object_name), *settings.objects[1:])})
     begun = load_grasp(grasp or settings.grasp, spec)
     if not isinstance(begun.grip, LatchGrip | None):
         raise ConfigError(f"grasp {begun.name} controls force; improve takes grasps that control position")

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from allegro_twin.sweep.local import SweepEngine
 
 
-Thing = Annotated[
+ObjectName = Annotated[
     str,
     typer.Argument(
         metavar="OBJECT", help="A name of the catalogue, or a mesh or scan.", autocompletion=completion.objects
@@ -44,7 +44,7 @@ Hand = Annotated[str, typer.Option(help="Model of hand, or the path of a card.",
 
 
 def plan(
-    thing: Annotated[
+    object_name: Annotated[
         str,
         typer.Argument(
             metavar="OBJECT", help="A name of the catalogue, or a mesh or scan.", autocompletion=completion.objects
@@ -155,7 +155,7 @@ def plan(
     own = PlannedHand(load_spec(hand, side), SEARCHED) if twin is None else twin_to_plan_for(hand, twin, side)
     console.warn(own.note)
     spec = own.spec
-    scenario = scenario_of(thing, up, scale, mass, friction, hull=hull).model_copy(
+    scenario = scenario_of(object_name, up, scale, mass, friction, hull=hull).model_copy(
         update={"protocol": protocol, "hand": hand, "side": spec.side}
     )
     name = scenario.objects[0].name
@@ -291,8 +291,8 @@ def restless(search: GraspSearch) -> str:
     if fast <= draws / 10:
         return ""
     known = math.isfinite(search.spec.coarsest_step)
-    way_out = "" if known else "; its physics may be shaken by steps of 3 ms: try `coarsest_step: 0.001` in its card"
-    return f"in {fast} of {draws} draws a joint moved faster than it may, and the trial was stopped{way_out}"
+    remedy = "" if known else "; its physics may be shaken by steps of 3 ms: try `coarsest_step: 0.001` in its card"
+    return f"in {fast} of {draws} draws a joint moved faster than it may, and the trial was stopped{remedy}"
 
 
 def search_failure(search: GraspSearch) -> str:
@@ -360,7 +360,7 @@ def _search_parallel(search: GraspSearch, n: int, budget: SearchBudget, parallel
 
 
 def new(
-    thing: Thing,
+    object_name: ObjectName,
     hand: Hand = options.HAND,
     out: Annotated[
         Path,
@@ -391,7 +391,7 @@ def new(
     from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.surfaces.cli import console
 
-    spec, scenario = load_spec(hand), scenario_of(thing, up, scale, mass, friction, hull=hull)
+    spec, scenario = load_spec(hand), scenario_of(object_name, up, scale, mass, friction, hull=hull)
     guessed, grasp = first_guess(scenario, spec, seed=seed)
     name = scenario.objects[0].name
     with defer_signals():
@@ -407,7 +407,7 @@ def new(
 
 
 def scenario_of(
-    thing: str,
+    object_name: str,
     up: Literal["x", "y", "z"],
     scale: float | None,
     mass: float | None,
@@ -423,18 +423,18 @@ def scenario_of(
 
     if not friction <= 1.0:
         raise ConfigError(f"--friction is at most 1, not {friction}")
-    placed = parse_object(thing)
+    placed = parse_object(object_name)
     changed: dict[str, object] = {"up": up}
     if placed.file is not None:
         changed |= {"scale": scale} | ({} if mass is None else {"mass": mass})
         changed |= {"collision": "hull"} if hull else {}
-        changed["name"] = name_from(placed.name, thing)
+        changed["name"] = name_from(placed.name, object_name)
         if changed["name"] != placed.name:
-            console.warn(f"{thing}: its grasps and files are named {changed['name']}")
+            console.warn(f"{object_name}: its grasps and files are named {changed['name']}")
     elif scale is not None or mass is not None:
-        raise ConfigError(f"--scale and --mass are for meshes; {thing} is of the catalogue")
+        raise ConfigError(f"--scale and --mass are for meshes; {object_name} is of the catalogue")
     elif hull:
-        raise ConfigError(f"--hull is for meshes; {thing} is of the catalogue")
+        raise ConfigError(f"--hull is for meshes; {object_name} is of the catalogue")
     placed = type(placed).model_validate(placed.model_dump() | changed)
     anywhere = {"position": (0, 0, 0.2), "facing": (0, 0, -1), "fingers": (1, 0, 0), "retreat": (0, 0, 0.1)}
     return Scenario.model_validate(
@@ -446,8 +446,11 @@ def _add_pictures(paths: list[Path], scenario: Scenario, folder: Path, *, hull: 
     """Pictures of the trials and of a mesh's repair, counted among the files of a plan."""
     from allegro_twin.files.output_folder import add_to_run
 
-    thing = scenario.objects[0]
-    add_to_run(folder, [*show_repair(thing.file, thing.scale, folder, hull=hull), *_make_pictures(paths, folder)])
+    scenario_object = scenario.objects[0]
+    add_to_run(
+        folder,
+        [*show_repair(scenario_object.file, scenario_object.scale, folder, hull=hull), *_make_pictures(paths, folder)],
+    )
 
 
 def _make_pictures(paths: list[Path], folder: Path) -> list[Path]:

@@ -226,10 +226,10 @@ def _unlike_objects(targets: Sequence[EvaluationTarget]) -> str:
     """The names, with commas, of objects that are not the same in all targets that have one so named."""
     found: dict[str, set[str]] = {}
     for target in targets:
-        thing = target.case.scenario.objects[0]
-        body = thing.model_dump(mode="json", exclude={"file", "at", "yaw", "up"})
-        file = None if thing.file is None else str((target.case.folder / thing.file).resolve())
-        found.setdefault(thing.name, set()).add(json.dumps([body, file]))
+        scenario_object = target.case.scenario.objects[0]
+        body = scenario_object.model_dump(mode="json", exclude={"file", "at", "yaw", "up"})
+        file = None if scenario_object.file is None else str((target.case.folder / scenario_object.file).resolve())
+        found.setdefault(scenario_object.name, set()).add(json.dumps([body, file]))
     return ", ".join(name for name, bodies in found.items() if len(bodies) > 1)
 
 

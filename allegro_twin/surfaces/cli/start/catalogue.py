@@ -15,8 +15,13 @@ def objects() -> Table:
     from allegro_twin.sim.objects.catalogue import object_catalogue
 
     table = _table("objects", "name", "shape", "size mm", "mass g")
-    for name, thing in object_catalogue().items():
-        table.add_row(name, thing.shape, " x ".join(f"{s * 1000:g}" for s in thing.size), f"{thing.mass * 1000:g}")
+    for name, grasp_object in object_catalogue().items():
+        table.add_row(
+            name,
+            grasp_object.shape,
+            " x ".join(f"{s * 1000:g}" for s in grasp_object.size),
+            f"{grasp_object.mass * 1000:g}",
+        )
     return table
 
 
@@ -54,8 +59,8 @@ def configs() -> Table:
     for path in sorted((data_root() / "conf").glob("*.yaml")):
         content = read_yaml(path)
         if "camera" in content:  # The config of a cell.
-            things = ", ".join(thing["name"] for thing in content["objects"])
-            table.add_row(f"conf/{path.name}", "lab", things, "state machine")
+            names = ", ".join(each["name"] for each in content["objects"])
+            table.add_row(f"conf/{path.name}", "lab", names, "state machine")
             continue
         task = ", ".join(f"{key} {value}" for key, value in content.get("task", {}).items())
         table.add_row(f"conf/{path.name}", content["backend"]["kind"], task, content["controller"]["kind"])

@@ -98,7 +98,7 @@ def run(
     hand: OtherHand = None,
     config: Performer = None,
     grasp: options.OtherGrasp = None,
-    thing: options.OtherObject = None,
+    object_name: options.OtherObject = None,
     policy: Policy = None,
     goal: Goal = None,
     out: Out = None,
@@ -124,7 +124,7 @@ def run(
         raise ConfigError("--view and --web are two ways to watch one run: choose one")
     live = "web" if web else "native" if view else None
     outputs = Outputs(record, image, video, rrd, live, wire_log, views.size(size), views.checked(camera))
-    chosen = RunOptions(side and side.value, hand, config, grasp, thing, policy, goal, seconds, partial)
+    chosen = RunOptions(side and side.value, hand, config, grasp, object_name, policy, goal, seconds, partial)
     if not _run(targets, chosen, outputs, out, count):
         raise typer.Exit(5)
 

@@ -182,9 +182,9 @@ def _missing(found: Identification) -> Iterator[str]:
 def _notes(found: Identification) -> Iterator[str]:
     spec = found.motions[0].spec
     offset = found.values["offset"]
-    if np.isfinite(found.end_stop_offsets).all() and offset.determined.any():
-        apart = np.where(offset.determined, np.abs(offset.value - found.end_stop_offsets), 0.0)
-        most, usual = int(apart.argmax()), float(np.median(apart[offset.determined]))
+    if np.isfinite(found.end_stop_offsets).all() and offset.identifiable.any():
+        apart = np.where(offset.identifiable, np.abs(offset.value - found.end_stop_offsets), 0.0)
+        most, usual = int(apart.argmax()), float(np.median(apart[offset.identifiable]))
         yield (
             f"Encoder offsets by weight and by end stops are {1000 * usual:.1f} mrad apart "
             f"in the median, {1000 * apart[most]:.1f} at most ({_name(spec, most)})."
@@ -222,11 +222,11 @@ def _backlash(found: Identification) -> str:
     if not found.fit.loose:
         return "none seen"
     play, spec = found.values["backlash"], found.motions[0].spec
-    if not play.determined.any():
+    if not play.identifiable.any():
         return "seen, not determined"
-    sure = np.where(play.determined, play.value, 0.0)
+    sure = np.where(play.identifiable, play.value, 0.0)
     most = int(sure.argmax())
-    usual = float(np.median(sure[play.determined]))
+    usual = float(np.median(sure[play.identifiable]))
     said = f"{1000 * usual:.1f} mrad in the median, {1000 * sure[most]:.1f} ± {1000 * play.half[most]:.1f} at most"
     return f"{said} ({_name(spec, most)})"
 

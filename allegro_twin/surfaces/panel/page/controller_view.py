@@ -54,20 +54,22 @@ class ControllerView:
         self._vector.on_update(self._set_gravity)
 
     def _add_scene(self, info: SessionInfo) -> None:
-        gui, scenario, thing = self._gui, info.scenario, info.thing
+        gui, scenario, object_name = self._gui, info.scenario, info.object_name
         none = f"episode of {info.episode}" if info.episode else _NONE
         with gui.add_folder("Scene"):
             chosen = gui.add_dropdown("Scenario", choices(none, info.scenarios, scenario),
                                       initial_value=scenario or none)  # fmt: skip
-            other = gui.add_dropdown("Object", choices(_OWN, info.things, thing), initial_value=thing or _OWN)
+            other = gui.add_dropdown(
+                "Object", choices(_OWN, info.object_names, object_name), initial_value=object_name or _OWN
+            )
             place = gui.add_button("Set the scene", hint="Opens the simulated hand anew, limp, at its beginning")
             perform = gui.add_button("Perform it", hint="From its beginning to the verdict, by its own controller")
 
         def asking(*, perform: bool) -> Callable[[Any], Any]:
             async def click(event: Any) -> None:
                 named = None if chosen.value == none else chosen.value
-                thing = None if other.value == _OWN or named is None else other.value
-                self._browser.ask(requests.OpenScene(named, thing, perform))
+                object_name = None if other.value == _OWN or named is None else other.value
+                self._browser.ask(requests.OpenScene(named, object_name, perform))
 
             return click
 

@@ -58,9 +58,9 @@ class SceneView:
                 name = root if body.parent < 0 else f"{root}/{body.name}"
                 self._node(name)
                 self._mesh(f"{name}/look", body.shapes)
-        for number, (thing, shapes) in enumerate(scenery.objects.items()):
+        for number, (object_name, shapes) in enumerate(scenery.objects.items()):
             self._node(f"/object_{number}")
-            mesh = self._mesh(f"/object_{number}/{thing}", shapes)
+            mesh = self._mesh(f"/object_{number}/{object_name}", shapes)
             if mesh is not None and on_drag is not None and info.arm is None and not info.no_drag:
                 mesh.on_drag("left")(_numbered(on_drag, number))
         self._goal_label: Any = None

@@ -148,26 +148,26 @@ def fit_drive(
 
     few = max(1, round(sum(len(motion.position) for motion in motions) / LONG / FEW))
 
-    def problem(kind: ModelKind, stage: FitStage, doubt: Vector | None = None) -> Problem:
+    def problem(kind: ModelKind, stage: FitStage, residual: Vector | None = None) -> Problem:
         player = kind.player(spec, period, stage.step)
         middle = prior_center(nominal, presliding() or start) if kind.far else center
         return Problem(
             motions, player, floor, middle, masses, stage.every or few, stage.length, kind.extras,
-            elastic=kind.elastic, far=kind.far, doubt=doubt,
+            elastic=kind.elastic, far=kind.far, residual=residual,
         )  # fmt: skip
 
     links = COULOMB.player(spec, period)
     presliding = cache(partial(regress_presliding, motions, links, start))
     rough = _rough_fit(problem, start, slow, friction, partial(screen_terms, motions, links), presliding)
     drive, kind = rough.drive, rough.kind
-    spreads, doubt = [], np.full(len(floor), rough.left)
+    spreads, residual = [], np.full(len(floor), rough.left)
     plain = not (kind.bristly or kind.loose)
     for stage in (FURTHER,) if plain and kind.extras else FINE[not plain]:
-        whole = problem(kind, stage, np.where(doubt > PLAIN, doubt, 1.0))
+        whole = problem(kind, stage, np.where(residual > PLAIN, residual, 1.0))
         # What a joint takes from others changes with the teeth in contact.
         last = descend(whole, drive, stage.rounds, stage.enough, anew=kind.loose)
         spreads.append(spread(whole, last, drive, masses))
-        drive, doubt = last.drive, spreads[-1].residual
+        drive, residual = last.drive, spreads[-1].residual
     covariance = spreads[-1].covariance + mass_variance(whole, spreads[-1])
     covariance = _widen_by_delay(covariance, drive, rough.vague)
     shorter = spreads[-2] if len(spreads) > 1 else None

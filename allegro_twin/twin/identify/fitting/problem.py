@@ -65,12 +65,12 @@ class Problem:
         *,
         elastic: bool = False,
         far: bool = False,
-        doubt: Vector | None = None,
+        residual: Vector | None = None,
     ) -> None:
         """`nominal`: the center of the prior; `extras`: terms that some joints have besides; `elastic`: teeth bend;
-        `far`: friction gives far before it slides. `doubt`, (n,): how many times the noise is left of each joint, where
-        the model errs; 1 where it does not. Such an error is one a piece and not one a residual, and tells that much
-        less beside what was known before."""
+        `far`: friction gives far before it slides. `residual`, (n,): how many times the noise is left of each joint,
+        where the model errs; 1 where it does not. Such an error is one a piece and not one a residual, and tells that
+        much less beside what was known before."""
         self.elastic = elastic
         self.player, self.motions, self._masses = player, motions, masses
         self.n, self.fingers = player.spec.n_joints, [list(f.joints) for f in player.spec.fingers]
@@ -93,8 +93,8 @@ class Problem:
         """What was known before, as rows of residuals in standard deviations."""
         self.prior = self.known
         """Rows of `known` with the weight that they have beside the data."""
-        if doubt is not None:
-            self.prior = self._prior_rows(np.where(doubt > 1.0, doubt * np.sqrt(self.shooting.moments), 1.0))
+        if residual is not None:
+            self.prior = self._prior_rows(np.where(residual > 1.0, residual * np.sqrt(self.shooting.moments), 1.0))
 
     def drive_of(self, x: Vector) -> DriveParameters:
         """Inverse of `x_of`."""
@@ -165,12 +165,12 @@ class Problem:
             yield number, slice(first, first + size)
             first += size
 
-    def _prior_rows(self, doubt: Vector) -> Array:
-        """L⁻¹ of the prior's covariance, in scaled parameters; `doubt`, (n,): what it is multiplied with."""
+    def _prior_rows(self, residual: Vector) -> Array:
+        """L⁻¹ of the prior's covariance, in scaled parameters; `residual`, (n,): what it is multiplied with."""
         covariance = np.zeros((len(self.unit), len(self.unit)))
         for name, sd in PRIOR.items():
             own = np.arange(len(self.unit))[index(name, self.n)]
-            covariance[own, own] = sd**2 / (np.square(doubt) if len(own) == self.n else np.median(doubt) ** 2)
+            covariance[own, own] = sd**2 / (np.square(residual) if len(own) == self.n else np.median(residual) ** 2)
         tilts = np.arange(len(self.unit))[index("tilt", self.n)]
         together = np.kron(np.ones((len(tilts) // 3,) * 2), np.eye(3)) * TILT_OF_ALL**2
         covariance[np.ix_(tilts, tilts)] = together + np.eye(len(tilts)) * TILT_OF_EACH**2

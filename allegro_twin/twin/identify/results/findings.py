@@ -107,7 +107,7 @@ def describe_terms(
 def _describe_backlash(values: Mapping[str, IdentifiedValue], labels: tuple[str, ...]) -> str:
     """Sentence on the backlash that was seen: its size where that is determined."""
     play = values["backlash"]
-    if not (sure := play.determined & (play.value > 0.0)).any():
+    if not (sure := play.identifiable & (play.value > 0.0)).any():
         return "Backlash behind the motors; how much is not determined."
     return f"Backlash behind the motors, {_up_to(1e3 * play.value, sure, labels, 'mrad')}."
 
@@ -182,7 +182,7 @@ def _notable(
     if name not in values:
         return np.zeros(len(labels), dtype=bool)
     size = np.abs(values[name].value - none)
-    sure = values[name].determined & (values[name].half < SURE * size)
+    sure = values[name].identifiable & (values[name].half < SURE * size)
     return np.asarray(sure & (size > _LEAST[name]))
 
 

@@ -75,7 +75,7 @@ def _offset_note(
     if kept is None:
         return ""
     apart = np.abs(values["offset"].value - offset_shift(motions[0].version, motions[0].calibration, kept))
-    apart = np.where(values["offset"].determined, apart, 0.0)
+    apart = np.where(values["offset"].identifiable, apart, 0.0)
     most = int(apart.argmax())
     other = f": {motions[0].name} was recorded with others" if kept != motions[0].calibration.encoder_offset else ""
     return (

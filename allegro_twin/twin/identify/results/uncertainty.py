@@ -96,7 +96,7 @@ class IdentifiedValue(NamedTuple):
         return ~np.array(self.shown, dtype=bool) if self.shown else np.zeros(len(self.value), dtype=bool)
 
     @property
-    def determined(self) -> NDArray[np.bool_]:
+    def identifiable(self) -> NDArray[np.bool_]:
         """Whether each is determined, (n,)."""
         return np.array([not reason for reason in self.reason])
 

@@ -87,7 +87,7 @@ def choose_drive(
     unseen = {name: value.unseen for name, value in values.items()}
     # An encoder offset is where a hand is said to be. In motion one that is 0.3 rad off can look like a cable; at rest
     # every posture is that far off. A small one is nearer to the truth than none.
-    doubted = ~values["offset"].determined & (np.abs(values["offset"].value) > LIKELY_OFFSET)
+    doubted = ~values["offset"].identifiable & (np.abs(values["offset"].value) > LIKELY_OFFSET)
     unseen["offset"] = unseen["offset"] | doubted
     candidates: dict[Source, DriveParameters] = {
         "nominal": _upright(before),
@@ -129,7 +129,7 @@ def choose_drive(
     source[np.logical_and.reduce([mask for mask in unseen.values() if len(mask) == len(source)])] = 0
     taken, stays = source == SOURCES.index("all"), {**unseen, **kept}
     guesses = {
-        name: ~value.determined & ~stays[name] & (taken if len(value.value) == len(taken) else taken.any())
+        name: ~value.identifiable & ~stays[name] & (taken if len(value.value) == len(taken) else taken.any())
         for name, value in values.items()
     }
     return WrittenDrive(made, tuple(SOURCES[each] for each in source), errors, trial.seconds, guesses)
@@ -199,7 +199,7 @@ def _leaning(drive: DriveParameters) -> DriveParameters:
 def unwritten(values: Mapping[str, IdentifiedValue]) -> KeptValues:
     """Values that are not written: those that are not determined; all three of breakaway friction where one is not; and
     backlash whose interval contains zero."""
-    kept_values = {name: ~value.determined for name, value in values.items()}
+    kept_values = {name: ~value.identifiable for name, value in values.items()}
     if "backlash" in values:
         kept_values["backlash"] |= values["backlash"].value <= values["backlash"].half
     if "stiction" in values:

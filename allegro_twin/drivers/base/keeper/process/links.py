@@ -154,11 +154,11 @@ class SerialBytes:
     It holds the same lock as the program, and lets go of it when it ends.
     """
 
-    def __init__(self, fd: int, words: str) -> None:
-        self._descriptor, self._words = fd, bytes.fromhex(words)
+    def __init__(self, fd: int, shutdown_frames: str) -> None:
+        self._descriptor, self._shutdown_frames = fd, bytes.fromhex(shutdown_frames)
 
     def say(self) -> None:
-        os.write(self._descriptor, self._words)
+        os.write(self._descriptor, self._shutdown_frames)
 
 
 Bus = SocketcanSocket | SlcanPort | SocketcandClient
@@ -166,13 +166,13 @@ Bus = SocketcanSocket | SlcanPort | SocketcandClient
 
 def connect(orders: Orders) -> Bus | SerialBytes:
     """The way to the hand. Raises OSError."""
-    way = dict(orders.address)
-    match way.pop("kind"):
+    address = dict(orders.address)
+    match address.pop("kind"):
         case "bytes":
-            return SerialBytes(**way)
+            return SerialBytes(**address)
         case "socketcan":
-            return SocketcanSocket(**way, wanted=orders.reports + ([orders.ask[0]] if orders.ask else []))
+            return SocketcanSocket(**address, wanted=orders.reports + ([orders.ask[0]] if orders.ask else []))
         case "slcan":
-            return SlcanPort(**way)
+            return SlcanPort(**address)
         case _:
-            return SocketcandClient(**way)
+            return SocketcandClient(**address)

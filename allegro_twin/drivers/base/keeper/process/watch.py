@@ -36,8 +36,8 @@ class HandWatch:
     its program and one of the two are killed, in any order.
     """
 
-    def __init__(self, orders: Orders, way: Bus | SerialBytes) -> None:
-        self._orders, self._way = orders, way
+    def __init__(self, orders: Orders, link: Bus | SerialBytes) -> None:
+        self._orders, self._link = orders, link
         self._cells = memoryview(mmap.mmap(orders.memory, 0)).cast("Q")
         self._limp = [(identifier, bytes.fromhex(data), remote) for identifier, data, remote in orders.limp]
 
@@ -111,57 +111,57 @@ class HandWatch:
         self._cells[OWED] = 1  # First: between the two somebody may look, or this process be ended.
         self._cells[ARMED] = 0
         try:
-            if isinstance(self._way, SerialBytes):
-                self._repeat(self._way)
+            if isinstance(self._link, SerialBytes):
+                self._repeat(self._link)
             else:
-                self._insist(self._way, alive=alive)
+                self._insist(self._link, alive=alive)
         finally:
             self._cells[OWED] = 0
 
-    def _repeat(self, way: SerialBytes) -> None:
+    def _repeat(self, link: SerialBytes) -> None:
         """Say it so often that it was heard, unless the program speaks itself again."""
         for _ in range(TIMES):
             if self._cells[VOICE] == HUSH:
                 return
             with contextlib.suppress(OSError):  # The port is gone, and with it the way to say it; or it takes no more.
-                way.say()
+                link.say()
             select.select([], [], [], BETWEEN)
 
-    def _insist(self, way: Bus, *, alive: bool) -> None:
+    def _insist(self, link: Bus, *, alive: bool) -> None:
         """Say it until it is confirmed: an interface may be down, or its queue full of what was said before."""
         pause, began = AGAIN, time.monotonic()
         while (now := time.monotonic()) < began + GIVE_UP and self._cells[VOICE] != HUSH:
-            if not alive and now > began + BEQUEST and isinstance(way, SlcanPort) and way.taken():
+            if not alive and now > began + BEQUEST and isinstance(link, SlcanPort) and link.taken():
                 return
             try:
-                way.begin()
-                if self._said(way):
-                    way.end()
+                link.begin()
+                if self._said(link):
+                    link.end()
                     return
             except BlockingIOError:
                 pass
             except OSError:
-                if not isinstance(way, SlcanPort):
+                if not isinstance(link, SlcanPort):
                     with contextlib.suppress(OSError):
-                        way = connect(self._orders)  # type: ignore[assignment]  # A bus again.
+                        link = connect(self._orders)  # type: ignore[assignment]  # A bus again.
             select.select([], [], [], pause)
             pause = min(2 * pause, SLOWEST)
 
-    def _said(self, way: Bus) -> bool:
+    def _said(self, link: Bus) -> bool:
         """Say it once; whether the hand has confirmed it: its motors are off, or it reports no more."""
         for frame in self._limp:
-            way.send(*frame)
+            link.send(*frame)
         ask = self._orders.ask
         if ask is not None:
-            way.send(ask[0], b"", True)
+            link.send(ask[0], b"", True)
         began = heard = time.monotonic()
         while time.monotonic() < began + ANSWER:
-            if not select.select([way], [], [], AGAIN)[0]:
+            if not select.select([link], [], [], AGAIN)[0]:
                 continue
-            for identifier, data in way.receive():
+            for identifier, data in link.receive():
                 if ask is not None and identifier == ask[0] and len(data) > ask[1] and not data[ask[1]] & ask[2]:
                     for frame in self._limp:  # The last words on the bus, whatever came between.
-                        way.send(*frame)
+                        link.send(*frame)
                     return True
                 if identifier in self._orders.reports:
                     heard = time.monotonic()
@@ -175,11 +175,11 @@ def main() -> None:
     with os.fdopen(os.dup(0), "rb", 0) as line:
         orders = Orders(**json.loads(line.readline()))
     try:
-        way = connect(orders)
+        link = connect(orders)
     except OSError as error:
         os.write(0, f"no: {error}".encode())
         return
     if os.fork():
         os._exit(0)  # Nobody's child, for nobody is to wait for it.
     os.write(0, f"ready {os.getpid()}".encode())
-    HandWatch(orders, way).watch()
+    HandWatch(orders, link).watch()
