@@ -32,6 +32,7 @@ from allegro_twin.twin.mirror.faults import (
     Fault,
     FaultName,
     MirrorWindow,
+    blocked_fingers,
     direct_faults,
     holds_object,
     still_joints,
@@ -500,8 +501,8 @@ class FaultDetector:
         if found is None or found.name != "wrong_file":
             return False
         # A finger that presses on something has an object between it and others, which pushes them all.
-        sure = waited >= FILE and np.count_nonzero(~self._right) >= FINGERS
-        if sure and not window.holds.any():
+        object_between = window.holds.any() or np.count_nonzero(blocked_fingers(window, self._spec)) > 1
+        if waited >= FILE and np.count_nonzero(~self._right) >= FINGERS and not object_between:
             self._name(found, float(self._begin[self._sign >= 0].min()), self._t)
         return True
 

@@ -40,6 +40,10 @@ YIELDS = 0.9
 """Correlation of a still joint's torque with its displacement against it, from which its own loop makes the torque:
 something pushes the joint, and it follows. That of a stuck joint follows targets."""
 SINGLE = 0.9  # Share of a finger's squares on one joint: a contact pushes the joints before it, too.
+BLOCKED = (0.1, 0.5)
+"""A joint that something blocks: the share of its motor's limit with which it is pushed while it rests, and the share
+of its torque that the disturbance cancels. Ours: in ten motions of five hands with the files of others one finger at
+most looks so."""
 HOT = 70.0  # °C. From here on the manufacturer's driver throttles; docs/reference/can_protocol.md.
 
 
@@ -162,6 +166,16 @@ def holds_object(window: MirrorWindow) -> bool:
     """Whether several fingers press on something: no single joint's fault does that, and a touched finger's own
     disturbances are unknown."""
     return int(window.holds.any(axis=0).sum()) > 1
+
+
+def blocked_fingers(window: MirrorWindow, spec: HandSpec) -> NDArray[np.bool_]:
+    """Fingers of which a motor pushes a joint that rests, against something, in most rows, (fingers,): others of its
+    joints may move, as in a hand that closes on an object."""
+    torque, pushes = np.abs(window.torque), BLOCKED[0] * spec.actuation.torque_limit
+    against = -window.disturbance * np.sign(window.torque) > BLOCKED[1] * torque
+    blocked = (np.abs(window.velocity) < MOVING) & (torque > pushes) & against
+    most = blocked.mean(axis=0) > 0.5
+    return np.array([most[list(finger.joints)].any() for finger in spec.fingers])
 
 
 def finger_share(window: MirrorWindow, spec: HandSpec) -> Vector:
