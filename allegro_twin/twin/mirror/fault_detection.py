@@ -474,7 +474,9 @@ class FaultDetector:
         waited = int(self._count - self._sign[odd].min())
         window = self._last(min(max(SOONEST, waited), LONGEST))
         fit = fit_supply(window)
-        if holds_object(window) or fit.amount < LEAST["weak"] or not fit.convinces(float(self._quiet.sum())):
+        if self._closes_on_object(window) or fit.amount < LEAST["weak"]:
+            return False
+        if not fit.convinces(float(self._quiet.sum())):
             return False
         if waited >= WAIT:
             found = Fault("supply", int(self._spec.fingers[int(odd.argmax())].joints[0]), min(fit.amount, 1.0))
@@ -501,10 +503,14 @@ class FaultDetector:
         if found is None or found.name != "wrong_file":
             return False
         # A finger that presses on something has an object between it and others, which pushes them all.
-        object_between = window.holds.any() or np.count_nonzero(blocked_fingers(window, self._spec)) > 1
+        object_between = window.holds.any() or self._closes_on_object(window)
         if waited >= FILE and np.count_nonzero(~self._right) >= FINGERS and not object_between:
             self._name(found, float(self._begin[self._sign >= 0].min()), self._t)
         return True
+
+    def _closes_on_object(self, window: MirrorWindow) -> bool:
+        """Whether several fingers press on something, at rest or with some of their joints still moving."""
+        return holds_object(window) or bool(np.count_nonzero(blocked_fingers(window, self._spec)) > 1)
 
     def _name_signature(self, finger: int) -> None:
         """Name the fault of a finger whose shape the rows since its first sign have, and whose posture is known."""

@@ -40,7 +40,7 @@ YIELDS = 0.9
 """Correlation of a still joint's torque with its displacement against it, from which its own loop makes the torque:
 something pushes the joint, and it follows. That of a stuck joint follows targets."""
 SINGLE = 0.9  # Share of a finger's squares on one joint: a contact pushes the joints before it, too.
-BLOCKED = (0.1, 0.5)
+BLOCKED = (0.1, 0.7)
 """A joint that something blocks: the share of its motor's limit with which it is pushed while it rests, and the share
 of its torque that the disturbance cancels. Ours: in ten motions of five hands with the files of others one finger at
 most looks so."""

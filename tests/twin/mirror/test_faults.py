@@ -174,21 +174,24 @@ def test_a_hand_with_a_finger_that_presses_on_something_has_no_wrong_file(
     assert [report.fault.name for report in each.faults.reports] == names
 
 
-@pytest.mark.parametrize(("fingers", "names"), [(1, ["wrong_file"]), (2, []), (4, [])])
+@pytest.mark.parametrize("check", ["wrong_file", "supply"])
+@pytest.mark.parametrize(("fingers", "named"), [(0, True), (1, True), (2, False), (4, False)])
 def test_a_hand_that_closes_on_something_has_no_wrong_file_though_a_joint_of_each_finger_moves_on(
-    fingers: int, names: list[str], spec: HandSpec, monkeypatch: pytest.MonkeyPatch
+    check: str, fingers: int, named: bool, spec: HandSpec, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """And no low supply."""
     free, blocked = window(), np.isin(np.arange(N), [4 * finger + 1 for finger in range(fingers)])
+    share = 0.3 * late(free.torque) if check == "wrong_file" else 0.3 * free.torque
     closing = free._replace(
         torque=np.where(blocked, 0.14, free.torque),
         velocity=np.where(blocked, 0.0, free.velocity),
-        disturbance=np.where(blocked, -0.1, free.disturbance - 0.3 * late(free.torque)),
+        disturbance=np.where(blocked, -0.12, free.disturbance - share),
     )
     each = FaultDetector(spec, Thresholds(np.full((2, N), 0.02), QUIET), 0.003)
     monkeypatch.setattr(each, "_last", lambda count: closing)
     each._count, each._sign[:] = 100, 0
-    assert each._wrong_file()
-    assert [report.fault.name for report in each.faults.reports] == names
+    each._wrong_file() if check == "wrong_file" else each._supply()
+    assert [report.fault.name for report in each.faults.reports] == ([check] if named else [])
 
 
 @pytest.mark.parametrize(
