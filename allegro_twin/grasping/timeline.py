@@ -36,6 +36,7 @@ from allegro_twin.types import Array, Vector
 
 DENSITY = 500.0  # kg/m³ of a mesh whose mass nobody says: between a hollow thing of plastic and a solid one. Assumed.
 _DENSEST = 25_000.0  # kg/m³; osmium has 22,590.
+_LIGHTEST = 5.0  # kg/m³; melamine foam, of the lightest that are sold, has 8 to 11 (BASF Basotect).
 _PART_OF_BOX = {"sphere": np.pi / 6, "cylinder": np.pi / 4, "ellipsoid": np.pi / 6, "box": 1.0}
 _MIRROR = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
 """What the mirror in the world's x-z plane does to the wrist's six coordinates: slides along x, y, z, and turns, which
@@ -259,6 +260,11 @@ def _check_density(grasp_object: GraspObject) -> None:
         raise ConfigError(
             f"object {grasp_object.name}: {mass:g} kg in {1e6 * volume:.3g} cm³ is {mass / volume:,.0f} kg/m³, "
             f"denser than any metal: masses are in kg; if this is in g, say {mass / 1e3:g}"
+        )
+    if mass < _LIGHTEST * volume:
+        raise ConfigError(
+            f"object {grasp_object.name}: {mass:g} kg in {1e6 * volume:.3g} cm³ is {mass / volume:.2g} kg/m³, lighter "
+            f"than any foam: masses are in kg; if this is in t, say {mass * 1e3:g}"
         )
 
 

@@ -131,8 +131,12 @@ def test_draws_end_with_the_first_grasp_that_holds_in_all_and_that_the_arm_gets_
 
     monkeypatch.setattr(AdaptationSearch, "round", round_)
     monkeypatch.setattr(AdaptationSearch, "_held", held)
-    found = adapter().plan(BOX, lambda card: card if sum(more) < 15 or card.name == wanted else None)
+    said = list[str]()
+    mine = replace(adapter(), on_progress=said.append)
+    found = mine.plan(BOX, lambda card: card if sum(more) < 15 or card.name == wanted else None)
     assert (found.name, len(counts)) == (wanted, drawn)
+    held_most = f"the best holds in {3 + max(more[:drawn])} of 8 draws"
+    assert [held_most in said[1], said[2:]] == [True, [f"takes one that held in {3 + more[chosen]} of 8 draws"]]
 
 
 class Counted:

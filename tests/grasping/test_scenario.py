@@ -64,6 +64,10 @@ def fails(tmp_path: Path, text: str) -> str:
         (("facing: [0, 0, -1]", "facing: [0, 0, 0]"), "wrist: facing [0.0, 0.0, 0.0] is zero; it is a direction"),
         (("fingers: [1, 0, 0]", "fingers: [0, 0, 0]"), "wrist: fingers [0.0, 0.0, 0.0] is zero; it is a direction"),
         (("name: rubiks_cube", "name: rubiks_cube, mass: 93"), "185 cm³ is 502,179 kg/m³, denser than any metal"),
+        (
+            ("name: rubiks_cube", "name: rubiks_cube, mass: 0.000093"),
+            "9.3e-05 kg in 185 cm³ is 0.5 kg/m³, lighter than any foam: masses are in kg; if this is in t, say 0.093",
+        ),
         (("name: rubiks_cube", "name: rubiks_cube, size: [1]"), "objects.0: rubiks_cube: `size` without `shape`"),
         (("name: rubiks_cube", "name: rubiks_cube, scale: 2"), "objects.0: rubiks_cube: `scale` without `shape`"),
         (

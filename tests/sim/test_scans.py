@@ -445,3 +445,5 @@ def test_a_scale_of_one_is_metres_whatever_the_size_says(tmp_path: Path) -> None
     assert load_mesh(file).extents.max() < 0.3
     with pytest.raises(ConfigError, match=r"m across in m, as said"):
         load_mesh(file, 1.0)
+    with pytest.raises(ConfigError, match=r"\.obj: 105 m across in units of 0\.5 m, as said; a hand holds"):
+        load_mesh(file, 0.5)

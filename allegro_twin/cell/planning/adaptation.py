@@ -136,7 +136,8 @@ class GraspAdapter:
     seed: int = 0
     found: list[AdaptedGrasp] = field(default_factory=list)
     on_progress: Callable[[str], None] = lambda said: None
-    """Hears how far a search is, as sentences: one where it begins, and one for each round."""
+    """Hears how far a search is, as sentences: one where it begins, one after the draws of each round, and one of the
+    grasp that is taken."""
     _failed: list[_Failure] = field(default_factory=list)
 
     def forget_failures(self) -> None:
@@ -175,6 +176,7 @@ class GraspAdapter:
                 found = self._searched(search, feasible, prefer)
             if found is not None:
                 option, plan = found
+                self.on_progress(f"takes one that held in {option.held} of {option.tried} draws")
                 if not others:
                     self.found.append(option)
                 return plan
@@ -199,10 +201,10 @@ class GraspAdapter:
         rounds = self.settings.rounds
         for number, enough in enumerate([_GOOD] * (rounds - 1) + [_ENOUGH], 1):
             search.round(lambda card: feasible(card) is not None)
+            best = self._best_at_once(search, feasible, prefer)
             self.on_progress(f"round {number} of {rounds}: {search.summary()}")
-            while (option := search.draw_more()) is not None:
-                if option.held == option.tried and (plan := feasible(option.card)) is not None and prefer(plan):
-                    return option, plan  # Nothing that is left can be better.
+            if best is not None:
+                return best
             plans = ((option, feasible(option.card)) for option in search.options if option.share >= enough)
             found = [(option, plan) for option, plan in plans if plan is not None]
             found.sort(key=lambda each: -each[0].share)
@@ -210,6 +212,16 @@ class GraspAdapter:
                 if prefer(plan):
                     return option, plan
         return found[0] if found else None
+
+    def _best_at_once(
+        self, search: AdaptationSearch, feasible: Callable[[StoredGrasp], P | None], prefer: Callable[[P], bool]
+    ) -> tuple[AdaptedGrasp, P] | None:
+        """Draws for the best of a round, up to the first that holds in all of them: nothing that is left can be
+        better."""
+        while (option := search.draw_more()) is not None:
+            if option.held == option.tried and (plan := feasible(option.card)) is not None and prefer(plan):
+                return option, plan
+        return None
 
 
 class AdaptationSearch:

@@ -28,13 +28,13 @@ from allegro_twin.grasping.plan.close_in_simulation import (
 )
 from allegro_twin.grasping.plan.proposals.close_in_geometry import COARSE, FINE
 from allegro_twin.grasping.plan.proposals.poses import Random
-from allegro_twin.grasping.plan.proposals.propose import Proposer
+from allegro_twin.grasping.plan.proposals.propose import Proposer, check_region
 from allegro_twin.grasping.plan.proposals.refine import Population
 from allegro_twin.grasping.plan.pushing import pushed_stage, pushed_to
 from allegro_twin.grasping.plan.region import GraspRegion
 from allegro_twin.grasping.plan.validate import SEARCHED, GraspValidator, PlannedGrasp, validate_in_air
 from allegro_twin.grasping.scenario import PhysicsSettings, Scenario, TrialProtocol, load_protocol
-from allegro_twin.grasping.timeline import make_stage
+from allegro_twin.grasping.timeline import make_stage, place_object
 from allegro_twin.grasping.uncertainty import Uncertainty
 from allegro_twin.hands.library.gains import load_gains, protocol_gains
 from allegro_twin.hands.library.grasps import Grasp
@@ -119,7 +119,8 @@ class _Clock:
 
 @dataclass(slots=True)
 class GraspSearch:
-    """Looks for grasps of one object with one hand. Raises ConfigError for one that has no surface."""
+    """Looks for grasps of one object with one hand. Raises ConfigError for one that has no surface, or none in the
+    region."""
 
     scenario: Scenario
     spec: HandSpec
@@ -150,6 +151,11 @@ class GraspSearch:
     """Whether its time did not suffice for one round: the same seed and as many candidates find something else."""
     interrupted: bool = False
     """Whether Ctrl-C ended it."""
+
+    def __post_init__(self) -> None:
+        if self.region is not None:
+            placed = place_object(self.scenario.objects[0], self.folder)
+            check_region(self.region, placed.grasp_object, np.random.default_rng(self.seed))  # As a search begins.
 
     def run(
         self,

@@ -489,7 +489,8 @@ def find_unit(path: Path, scan: Scan, scale: float | None, points: Numbers) -> t
     size = float(np.ptp(points, axis=0).max())
     in_metres = path.suffix.lower() in (".glb", ".gltf")
     if scale is not None:
-        unit, name = scale, next((f"{name}, as said" for name, each in UNITS.items() if each == scale), "as scaled")
+        own = f"units of {scale:g} m"
+        unit, name = scale, f"{next((name for name, each in UNITS.items() if each == scale), own)}, as said"
     elif scan.unit is not None and (scan.unit != "m" or in_metres or LARGE < size <= LARGEST):
         unit, name = UNITS[scan.unit], f"{scan.unit}, by its {'format' if in_metres else 'file'}"
     elif size <= LARGE:

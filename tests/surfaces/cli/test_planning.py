@@ -28,6 +28,7 @@ from allegro_twin.grasping.scenario import load_scenario
 from allegro_twin.grasping.statistics import count_pairs
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.entry_files import name_from
+from allegro_twin.sim.objects import catalogue
 from allegro_twin.sim.objects.meshes import load_mesh, mesh_report
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.cli.console import plan_table
@@ -94,6 +95,17 @@ def test_what_cannot_be_planned_for_is_one_line(words: list[str], message: str, 
     assert code == 2
     assert message in errors
     assert errors.count("\n") == 1
+
+
+def test_a_region_off_a_mesh_is_refused_before_the_mesh_is_cut_into_pieces(
+    command: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(catalogue, "convex_parts", lambda *_: pytest.fail("the mesh is cut"))
+    file = obj(tmp_path / "box.obj", cracker().vertices, cracker().faces.tolist())
+    for more in ([], ["--edge", "0.15"], ["--seeds", "2"]):
+        code, _, errors = command("plan", file, "--mass", 0.4, "--by", "x>0.5", *more, "--out", tmp_path / "out")
+        assert (code, errors.count("\n")) == (2, 1)
+        assert "object box: nothing of its surface is in the region x > 0.5; it reaches over x " in errors
 
 
 def test_a_library_that_cannot_take_what_is_found_is_refused_before_anything_is_searched(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allegro_twin.control.controllers import Gains
 from allegro_twin.errors import ConfigError
@@ -32,11 +33,13 @@ from allegro_twin.grasping.plan.proposals.poses import (
     SurfaceSample,
     guess_poses,
     sample_placed_surface,
+    sample_surface,
 )
 from allegro_twin.grasping.plan.region import SHARE, GraspRegion, to_object_frame
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_vector
 from allegro_twin.sim.contact.grasp_scene import GraspScene, TouchPoints
+from allegro_twin.sim.objects.catalogue import GraspObject
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
@@ -49,6 +52,8 @@ RETREAT = (0.025, 0.05, 0.10)
 OVERLAP = 0.003
 """m, by which links of a hand may be inside each other before it closes."""
 BATCH = 256
+_SAMPLED = 40 * BATCH
+"""Points of a surface of which those in a region are taken."""
 METRES, TURN = 0.007, np.radians(6.0)
 """By how much a variation of a candidate differs (standard deviations), m and rad."""
 
@@ -105,16 +110,8 @@ class Proposer:
         placed = self.bench.placed
         if self.region is None:
             return sample_placed_surface(placed, BATCH, self.random)
-        on = sample_placed_surface(placed, 40 * BATCH, self.random)
-        own = to_object_frame(placed, on.points)
-        inside = np.flatnonzero(self.region.contains(own))[:BATCH]
-        if not len(inside):
-            ends = zip("xyz", own.min(axis=0), own.max(axis=0), strict=True)
-            reach = ", ".join(f"{axis} {low:.3f} to {high:.3f}" for axis, low, high in ends)
-            raise ConfigError(
-                f"object {placed.grasp_object.name}: nothing of its surface is in the region {self.region}; it reaches "
-                f"over {reach}, m in its own frame"
-            )
+        on = sample_placed_surface(placed, _SAMPLED, self.random)
+        inside = _rows_inside(self.region, placed.grasp_object, to_object_frame(placed, on.points))[:BATCH]
         return SurfaceSample(on.points[inside], on.normals[inside])
 
     def grow(self, seeds: Sequence[Candidate]) -> list[Candidate]:
@@ -159,6 +156,25 @@ class Proposer:
             return None
         share = (1.0 - SPRINGS) * worst.limit_share() + SPRINGS * held.share
         return replace(candidate, score=-share, torque=held.torque)
+
+
+def check_region(region: GraspRegion, grasp_object: GraspObject, random: Random) -> None:
+    """Raises ConfigError where nothing of an object's surface is in the region. It needs the surface alone: to cut a
+    mesh into convex pieces takes minutes."""
+    _rows_inside(region, grasp_object, sample_surface(grasp_object, _SAMPLED, random).points)
+
+
+def _rows_inside(region: GraspRegion, grasp_object: GraspObject, points: Array) -> NDArray[np.int_]:
+    """Which points of a surface (k, 3), m, in the object's frame, are in the region. Raises ConfigError for none."""
+    inside = np.flatnonzero(region.contains(points))
+    if not len(inside):
+        ends = zip("xyz", points.min(axis=0), points.max(axis=0), strict=True)
+        reach = ", ".join(f"{axis} {low:.3f} to {high:.3f}" for axis, low, high in ends)
+        raise ConfigError(
+            f"object {grasp_object.name}: nothing of its surface is in the region {region}; it reaches over {reach}, m "
+            "in its own frame"
+        )
+    return inside
 
 
 def _jittered(candidate: Candidate, spec: HandSpec, random: Random, scale: float = 1.0) -> PoseGuesses:

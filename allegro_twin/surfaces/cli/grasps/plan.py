@@ -162,11 +162,8 @@ def plan(
     check_names(name, n)
     if keep is not None:
         check_store(name, n, keep)
-    if edge is not None:
-        if load_protocol(protocol).floating:
-            raise ConfigError(f"--edge is of a table; under {protocol} there is none")
-        scenario = with_push(scenario.model_copy(update={"edge": edge}), spec)
-    load_protocol(protocol)
+    if load_protocol(protocol).floating and edge is not None:
+        raise ConfigError(f"--edge is of a table; under {protocol} there is none")
     search = GraspSearch(
         scenario,
         spec,
@@ -176,6 +173,8 @@ def plan(
         kind=kind,
         uncertainty=own.uncertainty,
     )
+    if edge is not None:
+        search.scenario = with_push(scenario.model_copy(update={"edge": edge}), spec)
     unlimited = candidates is not None and seconds is None
     budget = SearchBudget(candidates or math.inf, math.inf if unlimited else seconds or 120.0)
     parallel = None if seeds == 1 and engine is options.Engines.local else _Parallel(seeds, chosen.engine)
@@ -185,7 +184,7 @@ def plan(
             stack.enter_context(lock_folder(folder))
         paths = _plan_into(folder, search, n, budget, parallel, keep, own.judged)
         if pictures and not search.interrupted:
-            _add_pictures(paths, scenario, folder, hull=hull)
+            _add_pictures(paths, search.scenario, folder, hull=hull)
     console.say(f"In {folder}/: a scenario each. Play one: allegro-twin run {shlex.quote(str(paths[0]))}")
     if search.interrupted:
         raise typer.Exit(130)
