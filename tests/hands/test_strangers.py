@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import mujoco
@@ -277,6 +278,17 @@ def test_a_range_of_more_than_a_whole_turn_is_asked_whether_it_is_in_degrees(tmp
     found = explore_hand(urdf(tmp_path, ('lower="-0.3" upper="1.4"', 'lower="-6" upper="6"')))
     assert any("more than a whole turn, rad: one_joint -6 … 6" in note and "degrees" in note for note in found.notes)
     assert not any("turn" in note for note in explore_hand(urdf(tmp_path)).notes)
+
+
+def test_a_servo_that_does_not_come_to_rest_is_said_with_how_far_its_joint_still_moves(tmp_path: Path) -> None:
+    path = mjcf(tmp_path, SERVO.replace('kv="0.1"', 'kv="0"'))
+    path.write_text(path.read_text().replace('damping="0.02"', ""))
+    notes = [note for note in explore_hand(path).notes if "come to rest" in note]
+    assert len(notes) == 1
+    assert re.match(
+        r"f\d_\d does not come to rest with f\d_\d at .*: after 20 s it still moves to and fro by", notes[0]
+    )
+    assert not any("come to rest" in note for note in explore_hand(mjcf(tmp_path, SERVO)).notes)
 
 
 def test_a_file_that_is_called_left_is_asked_for_its_side(tmp_path: Path) -> None:
