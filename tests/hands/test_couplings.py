@@ -3,6 +3,7 @@ up to their own stops."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -180,3 +181,41 @@ def test_a_mimic_joint_of_a_urdf_keeps_its_range_and_shortens_that_of_the_joint_
     path.write_text(text.replace('offset="0.1"', 'offset="-0.1"'))
     with pytest.raises(ConfigError, match="joint a2 follows a1 and is outside its own range"):
         explore_hand(path)
+
+
+def both(second: float) -> str:
+    """b2 follows b1 by half its way, and a1 by a share of its."""
+    return f"""<tendon><fixed name="t"><joint joint="b2" coef="1"/><joint joint="b1" coef="-0.5"/>
+      <joint joint="a1" coef="{-second}"/></fixed></tendon><equality><tendon tendon1="t"/></equality>"""
+
+
+@pytest.mark.parametrize("motor", [MOTOR, SERVO])
+def test_a_joint_that_follows_two_motors_is_refused_with_both_and_a_trace_of_a_second_is_said(
+    motor: str, tmp_path: Path
+) -> None:
+    words = r"joint b2 follows two motors, b1 \(by 0.5 rad\) and a1 \(by 0.4 rad\), .*: couple it to one of them"
+    with pytest.raises(ConfigError, match=words):
+        explored(tmp_path, both(0.4), motor)
+    found = explored(tmp_path, both(0.0102), motor)
+    assert followers(found)["b2"][0] == "b1"
+    words = r"b2 follows b1 \(by 0.5 rad\); that it also moves with a1 \(by 0.010\d* rad\) is left out"
+    assert any(re.fullmatch(words, note) for note in found.notes)
+    assert not any("left out" in note for note in explored(tmp_path, both(0.0), motor).notes)
+
+
+@pytest.mark.parametrize(
+    ("mass", "kv", "words"),
+    [
+        ("0.05", "0.4", r"[ab][23] does not come to rest with [ab]1 at 0.1: after 20 s it still moves .* by 0.\d+ rad"),
+        ("0.003", "0", "its simulation diverges with [ab]1 at 0.1"),
+    ],
+)
+def test_a_follower_that_does_not_come_to_rest_is_refused_with_how_far_it_still_moves(
+    mass: str, kv: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # For MUJOCO_LOG.TXT.
+    link = LINK.replace('mass="0.05"', f'mass="{mass}"').replace('damping="0.02"', "")
+    monkeypatch.setattr("tests.hands.test_couplings.LINK", link)
+    laws = coupled(("a2", "a1", "0 0.6 0 0 0"), ("a3", "a2", "0 0.9 0 0 0"))
+    with pytest.raises(ConfigError, match=f"{words}, so nobody can say where .* are: give it more damping or armature"):
+        explored(tmp_path, laws, SERVO.replace('kp="5" kv="0.2"', f'kp="20" kv="{kv}"'))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import mujoco
@@ -174,13 +175,22 @@ def test_the_stiffness_of_a_geared_servo_is_what_its_joint_feels_and_the_check_m
     assert "driven f1_1, stiffness: 3 in the card, 12 in the file" in capsys.readouterr().out
 
 
+def dynamics(damping: str, friction: str) -> tuple[str, str]:
+    return "</joint>", f'<dynamics damping="{damping}" friction="{friction}"/></joint>'
+
+
+def mimic(law: str) -> tuple[str, str]:
+    """The first joint mimics the second."""
+    return "<limit", f'<mimic joint="two_joint" {law}/><limit'
+
+
 WRONG = {
     r"joint one_joint: lower 1.4 is above upper -0.3": (('lower="-0.3" upper="1.4"', 'lower="1.4" upper="-0.3"'),),
     r"joint one_joint: lower and upper are both 0: give its range, or make it fixed": (
         ('lower="-0.3" upper="1.4"', 'lower="0" upper="0"'),
     ),
-    r"joint one_joint: upper is inf: it must be a finite number": (('upper="1.4"', 'upper="inf"'),),
-    r"joint one_joint: upper is 1,4: it must be a finite number": (('upper="1.4"', 'upper="1,4"'),),
+    r"joint one_joint: limit: upper is inf: it must be a finite number": (('upper="1.4"', 'upper="inf"'),),
+    r"joint one_joint: limit: upper is 1,4: it must be a finite number": (('upper="1.4"', 'upper="1,4"'),),
     r"joint one_joint: its range -20 … 80 goes beyond a whole turn: .* look like degrees": (
         ('lower="-0.3" upper="1.4"', 'lower="-20" upper="80"'),
     ),
@@ -188,14 +198,60 @@ WRONG = {
     r"link palm: its mass is -1 kg, below zero": (('mass value="0.04"', 'mass value="-1"'),),
     r"link palm: its inertia ixx is -1e-05 kg·m², below zero": (('ixx="1e-5"', 'ixx="-1e-5"'),),
     r"two links are called one: give each a name of its own": (('link name="two"', 'link name="one"'),),
+    r"joint one_joint: limit: effort is strong: it must be a finite number": (('effort="1"', 'effort="strong"'),),
+    r"joint one_joint: limit: effort is nan: it must be a finite number": (('effort="1"', 'effort="nan"'),),
+    r"joint one_joint: origin: xyz is nan 0 0.03: it must be 3 finite numbers": (
+        ('origin xyz="0.04 0 0.03"', 'origin xyz="nan 0 0.03"'),
+    ),
+    r"joint one_joint: axis: xyz is 0 -1: it must be 3 finite numbers": (('axis xyz="0 -1 0"', 'axis xyz="0 -1"'),),
+    r"joint one_joint: dynamics: damping is nan: it must be a finite number": (dynamics("nan", "0"),),
+    r"joint one_joint: dynamics: damping is -0.05, below zero: it would push": (dynamics("-0.05", "0"),),
+    r"joint one_joint: dynamics: friction is -0.02, below zero: it would push": (dynamics("0", "-0.02"),),
+    r"joint one_joint: mimic: offset is half: it must be a finite number": (mimic('offset="half"'),),
+    r"joint one_joint mimics two_joint with the multiplier 0: it stands at its offset 0.5, so make it fixed": (
+        mimic('multiplier="0" offset="0.5"'),
+    ),
+    r"link palm: cylinder: radius is thin: it must be a finite number": (('radius="0.008"', 'radius="thin"'),),
+    r"joint one_joint: lower 0.2 is above upper 0, the one that is left out \(upper\) being 0": (
+        ('lower="-0.3" upper="1.4"', 'lower="0.2"'),
+    ),
+    r"joint one_joint is planar: it moves in several directions at once, .* make it fixed": (
+        ('type="revolute"', 'type="planar"'),
+    ),
+    r"joint one_joint is floating: it moves in several directions at once, .* make it fixed": (
+        ('type="revolute"', 'type="floating"'),
+    ),
 }
 
 
 @pytest.mark.parametrize("words", WRONG)
 def test_a_urdf_with_impossible_numbers_is_refused_by_the_name_of_its_joint_or_link(words: str, tmp_path: Path) -> None:
+    path = urdf(tmp_path)
+    text = path.read_text()
+    for old, new in WRONG[words]:
+        assert old in text
+        text = text.replace(old, new, 1)
+    path.write_text(text)
     with pytest.raises(ConfigError, match=words) as raised:
-        explore_hand(urdf(tmp_path, *WRONG[words]))
+        explore_hand(path)
     assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("limit", "span", "words"),
+    [
+        ('upper="1.4"', (0.0, 1.4), "one_joint: its limit has no lower, which is 0 in a URDF: 0 … 1.4"),
+        ('lower="-0.3"', (-0.3, 0.0), "one_joint: its limit has no upper, which is 0 in a URDF: -0.3 … 0"),
+    ],
+)
+def test_an_end_that_a_limit_of_a_urdf_leaves_out_is_zero_and_is_said(
+    limit: str, span: tuple[float, float], words: str, tmp_path: Path
+) -> None:
+    found = explore_hand(urdf(tmp_path, ('lower="-0.3" upper="1.4"', limit)))
+    row = found.card["driven"][0]
+    assert (row["lower"], row["upper"]) == span
+    assert words in found.notes
+    assert not any("has no range" in note for note in found.notes)
 
 
 def test_masses_that_a_urdf_does_not_have_are_listed_in_the_terminal_and_on_the_page(
@@ -222,6 +278,17 @@ def test_a_range_of_more_than_a_whole_turn_is_asked_whether_it_is_in_degrees(tmp
     found = explore_hand(urdf(tmp_path, ('lower="-0.3" upper="1.4"', 'lower="-6" upper="6"')))
     assert any("more than a whole turn, rad: one_joint -6 … 6" in note and "degrees" in note for note in found.notes)
     assert not any("turn" in note for note in explore_hand(urdf(tmp_path)).notes)
+
+
+def test_a_servo_that_does_not_come_to_rest_is_said_with_how_far_its_joint_still_moves(tmp_path: Path) -> None:
+    path = mjcf(tmp_path, SERVO.replace('kv="0.1"', 'kv="0"'))
+    path.write_text(path.read_text().replace('damping="0.02"', ""))
+    notes = [note for note in explore_hand(path).notes if "come to rest" in note]
+    assert len(notes) == 1
+    assert re.match(
+        r"f\d_\d does not come to rest with f\d_\d at .*: after 20 s it still moves to and fro by", notes[0]
+    )
+    assert not any("come to rest" in note for note in explore_hand(mjcf(tmp_path, SERVO)).notes)
 
 
 def test_a_file_that_is_called_left_is_asked_for_its_side(tmp_path: Path) -> None:

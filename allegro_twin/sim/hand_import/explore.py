@@ -22,6 +22,8 @@ from allegro_twin.types import Array
 
 _POINTS, _LOOKS, _LONGEST = 11, 0.1, 20.0  # Positions of a driven joint that are tried; s until a look whether all has
 _STILL = 1e-4  # come to rest, and s that it is given at most; rad/s or m/s of a joint at rest.
+_LAST = 10  # Looks in which each step is looked at, for how far a joint moves that has not come to rest.
+_DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 _SMALLEST, _LARGEST = 0.02, 1.0  # m. From the palm to the end of a finger, of any hand.
 _IMMOVABLE = 1e3  # kg·m² or kg, of a joint that is held.
 _UNITS = (
@@ -30,6 +32,7 @@ _UNITS = (
 )
 _STEP = 0.01  # rad or m, by which a joint is moved to measure its servo.
 _MOVES = 2e-3  # rad or m. A joint that moves less does not follow.
+_SHARED = 0.05  # Of the way by its first motor. A joint that a second one moves further follows both.
 _TOGETHER = 0.65  # Of the ways of all tips: what is left over where fingers close to one side; less: on each other.
 _JOINTS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 _TIPS = {
@@ -67,10 +70,12 @@ def explore_hand(
     notes += more
     structure = find_structure(model, path, root, palm, fingers)
     _check_names(model, structure, path)
-    moves = _moved(model, motors)
+    moves, more = _moved(model, motors, path)
+    notes += more
     drives = [_driven_joints(model, motor) for motor in motors]
     ways = [_tip_paths(model, moves, k, structure) for k in range(len(motors))]
-    followers, free = _followers(model, motors, moves)
+    followers, free, more = _followers(model, motors, moves, path)
+    notes += more
     notes += _notes(model, structure, motors, free, path)
     touching = _touching(model, structure)
     if touching:
@@ -272,8 +277,9 @@ def _reach(model: mujoco.MjModel, structure: HandStructure) -> float:
     return max(ends)
 
 
-def _moved(model: mujoco.MjModel, motors: list[ImportedMotor]) -> Array:
-    """All joint positions, at rest, for each motor alone at places through its range: (motors, places, nq).
+def _moved(model: mujoco.MjModel, motors: list[ImportedMotor], path: Path) -> tuple[Array, list[str]]:
+    """All joint positions, at rest, for each motor alone at places through its range, (motors, places, nq), and a note
+    where a driven joint does not come to rest. Raises ConfigError where another joint does not.
 
     A position servo goes there. A joint with a torque motor is put there, and stands as if nothing could move it."""
     model = copy.copy(model)
@@ -284,7 +290,10 @@ def _moved(model: mujoco.MjModel, motors: list[ImportedMotor]) -> Array:
     held = [int(model.jnt_dofadr[motor.joint]) for motor in motors if motor.torque]
     model.dof_armature[held] = _IMMOVABLE
     model.dof_frictionloss[:] *= not held  # It would keep followers short of their places.
-    found = np.empty((len(motors), _POINTS, model.nq))
+    own = {motor.joint for motor in motors}
+    others = [int(model.jnt_qposadr[joint]) for joint in range(model.njnt) if joint not in own
+              and int(model.jnt_type[joint]) in _JOINTS]  # fmt: skip
+    found, worst, note = np.empty((len(motors), _POINTS, model.nq)), _MOVES, ""
     for k, motor in enumerate(motors):
         data = mujoco.MjData(model)
         for place, position in enumerate(np.linspace(motor.lower, motor.upper, _POINTS)):
@@ -294,20 +303,53 @@ def _moved(model: mujoco.MjModel, motors: list[ImportedMotor]) -> Array:
             else:
                 data.ctrl[k] = motor.command_for(position)
             if len(held) < model.nv:
-                _settle(model, data, held)
+                swing = _settle(model, data, held)
+                words = _unrest(model, motor, position, swing, others)
+                if swing[others].max(initial=0.0) >= _MOVES or np.isinf(swing).any():
+                    raise ConfigError(
+                        f"{path}: {words}, so nobody can say where the joints that follow are: give it more "
+                        "damping or armature"
+                    )
+                if swing.max() >= worst:
+                    worst, note = float(swing.max()), words
             found[k, place] = data.qpos
-    return found
+    return found, [note] if note else []
 
 
-def _settle(model: mujoco.MjModel, data: mujoco.MjData, held: list[int]) -> None:
-    """Until nothing moves. `held`: degrees of freedom that stand where they are."""
-    end, places = data.time + _LONGEST, model.jnt_qposadr[model.dof_jntid[held]]
-    there = data.qpos[places]
-    while data.time < end:
-        mujoco.mj_step(model, data, round(_LOOKS / model.opt.timestep))
+def _settle(model: mujoco.MjModel, data: mujoco.MjData, held: list[int]) -> Array:
+    """Until nothing moves; how far each position still goes to and fro in the last second, (nq,): zeros at rest,
+    infinite where the simulation diverges. `held`: degrees of freedom that stand where they are."""
+    places, seen = model.jnt_qposadr[model.dof_jntid[held]], []
+    there, looks, steps = data.qpos[places], round(_LONGEST / _LOOKS), round(_LOOKS / model.opt.timestep)
+    for look in range(looks):
+        each = looks - look <= _LAST  # Looks alone do not see what swings in time with them.
+        for _ in range(steps if each else 1):
+            mujoco.mj_step(model, data, 1 if each else steps)
+            if each:
+                seen.append(data.qpos.copy())
         data.qpos[places], data.qvel[held] = there, 0.0
+        if any(data.warning[kind].number for kind in _DIVERGED):
+            return np.full(model.nq, np.inf)
         if np.abs(data.qvel).max() < _STILL:
-            return
+            return np.zeros(model.nq)
+    swing: Array = np.ptp(seen, axis=0)
+    swing[places] = 0.0  # Put back at each look.
+    return swing
+
+
+def _unrest(model: mujoco.MjModel, motor: ImportedMotor, position: float, swing: Array, others: list[int]) -> str:
+    """In words: the joint that still moves furthest, one without a motor before the others, and by how much."""
+    among = others if swing[others].max(initial=0.0) >= _MOVES else range(model.nq)
+    place = max(among, key=lambda each: float(swing[each]))
+    joint = int(np.flatnonzero(model.jnt_qposadr <= place)[-1])
+    if np.isinf(swing[place]):
+        return f"its simulation diverges with {motor.name} at {position:.4g}"
+    return (f"{model.joint(joint).name} does not come to rest with {motor.name} at {position:.4g}: after "
+            f"{_LONGEST:g} s it still moves to and fro by {swing[place]:.3g} {_unit(model, joint)}")  # fmt: skip
+
+
+def _unit(model: mujoco.MjModel, joint: int) -> str:
+    return "m" if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE else "rad"
 
 
 def _rest(model: mujoco.MjModel, data: mujoco.MjData, motors: list[ImportedMotor]) -> None:
@@ -334,24 +376,33 @@ def _tip_paths(model: mujoco.MjModel, moves: Array, motor: int, structure: HandS
 
 
 def _followers(
-    model: mujoco.MjModel, motors: list[ImportedMotor], moves: Array
-) -> tuple[list[dict[str, Any]], list[str]]:
-    """Joints without a motor: after which they go, and how far; and those that go after none and that nothing fixes."""
+    model: mujoco.MjModel, motors: list[ImportedMotor], moves: Array, path: Path
+) -> tuple[list[dict[str, Any]], list[str], list[str]]:
+    """Joints without a motor: after which they go, and how far; those that go after none and that nothing fixes; and
+    notes on what a second motor moves by a little. Raises ConfigError for a joint that follows two motors."""
     own = {motor.joint for motor in motors}
     fixed = {int(model.eq_obj1id[k]) for k in range(model.neq) if model.eq_type[k] == mujoco.mjtEq.mjEQ_JOINT
              and model.eq_obj2id[k] < 0 and model.eq_active0[k]}  # fmt: skip
-    followers, free = [], []
+    followers, free, notes = list[dict[str, Any]](), list[str](), list[str]()
     for joint in range(model.njnt):
         if joint in own or int(model.jnt_type[joint]) not in _JOINTS:
             continue
         rows = moves[:, :, model.jnt_qposadr[joint]]
-        motor = int(np.argmax(np.ptp(rows, axis=1)))
-        name = model.joint(joint).name
-        if np.ptp(rows[motor]) < _MOVES:
+        far, name, unit = np.ptp(rows, axis=1), model.joint(joint).name, _unit(model, joint)
+        motor, second = int(np.argmax(far)), int(np.argsort(-far, kind="stable")[1]) if len(motors) > 1 else 0
+        if far[motor] < _MOVES:
             free += [] if joint in fixed else [name]
             continue
+        if second != motor and far[second] >= _MOVES:
+            ways = [f"{motors[k].name} (by {far[k]:.3g} {unit})" for k in (motor, second)]
+            if far[second] >= _SHARED * far[motor]:
+                raise ConfigError(
+                    f"{path}: joint {name} follows two motors, {' and '.join(ways)}, and a hand's joint follows one: "
+                    "couple it to one of them, give it a motor of its own, or fix it"
+                )
+            notes.append(f"{name} follows {ways[0]}; that it also moves with {ways[1]} is left out")
         followers.append({"name": name, "follows": motors[motor].name, "positions": rows[motor].round(5).tolist()})
-    return followers, free
+    return followers, free, notes
 
 
 def _axes(

@@ -25,6 +25,21 @@ UNKNOWN_GAIN = 5.0
 """N·m/rad (times 100: N/m). The gain where the effort is not known either."""
 _FREQUENCY = 100.0  # rad/s. A loop is not faster: armature makes up what light links lack.
 _LIGHTEST = 1e-3  # kg. What a moving link weighs where nothing says it.
+_NUMBERS = {
+    "origin": {"xyz": 3, "rpy": 3},
+    "axis": {"xyz": 3},
+    "limit": {"lower": 1, "upper": 1, "effort": 1},
+    "dynamics": {"damping": 1, "friction": 1},
+    "mimic": {"multiplier": 1, "offset": 1},
+    "mass": {"value": 1},
+    "inertia": dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), 1),
+    "box": {"size": 3},
+    "sphere": {"radius": 1},
+    "cylinder": {"radius": 1, "length": 1},
+    "capsule": {"radius": 1, "length": 1},
+    "mesh": {"scale": 3},
+}
+"""How many numbers an attribute of an element has, of those that are read."""
 
 
 class UrdfHand(NamedTuple):
@@ -66,9 +81,10 @@ def read_urdf(path: Path) -> UrdfHand:
         raise ConfigError(f"{path}: it has xacro macros; `xacro {path.name} > hand.urdf` resolves them")
     _check_names(robot, path)
     _check_joints(robot, path)
-    _check_limits(robot, path)
-    _check_inertias(robot, path)
+    _check_numbers(robot, path)
     notes: list[str] = []
+    _complete_limits(robot, path, notes)
+    _check_inertias(robot, path)
     meshes = UrdfMeshes(path)
     meshes.find(robot, notes)
     shaped = _repair_inertias(robot, notes)
@@ -97,12 +113,17 @@ def read_urdf(path: Path) -> UrdfHand:
 
 
 def _check_joints(robot: Element, path: Path) -> None:
-    """Raises ConfigError where links or the ends of a joint are missing."""
+    """Raises ConfigError where links or the ends of a joint are missing, and for a joint of several coordinates."""
     links = {link.get("name") for link in robot.findall("link")}
     if not links:
         raise ConfigError(f"{path}: a URDF without a <link>: there is no hand in it")
     children = set()
     for joint in robot.findall("joint"):
+        if (kind := joint.get("type")) in ("planar", "floating"):
+            raise ConfigError(
+                f"{path}: joint {joint.get('name')} is {kind}: it moves in several directions at once, and a motor "
+                "drives one: make it fixed, or a chain of revolute and prismatic joints"
+            )
         for end in ("parent", "child"):
             element = joint.find(end)
             link = None if element is None else element.get("link")
@@ -122,28 +143,53 @@ def _check_names(robot: Element, path: Path) -> None:
             raise ConfigError(f"{path}: two {kind}s are called {twice}: give each a name of its own")
 
 
-def _number(element: Element, key: str, where: str, default: float = 0.0) -> float:
-    """An attribute that is a finite number. Raises ConfigError with where it is."""
-    text = element.get(key)
+def _check_numbers(robot: Element, path: Path) -> None:
+    """Raises ConfigError for an attribute that is read and is not of finite numbers, with link or joint; for damping
+    and friction below zero."""
+    for owner in (*robot.findall("link"), *robot.findall("joint")):
+        for element in owner.iter():
+            tag = element.tag
+            for key, count in _NUMBERS[tag].items() if tag in _NUMBERS else ():
+                where = f"{path}: {owner.tag} {owner.get('name')}: {tag}: {key} is {element.get(key)}"
+                values = _numbers(element.get(key, " ".join(["0"] * count)))
+                unlimited = key == "effort" and values == [np.inf]  # A placeholder, as others are.
+                if len(values) != count or not (np.isfinite(values).all() or unlimited):
+                    many = "a finite number" if count == 1 else f"{count} finite numbers"
+                    raise ConfigError(f"{where}: it must be {many}")
+                if tag == "dynamics" and values[0] < 0.0:
+                    raise ConfigError(f"{where}, below zero: it would push the joint on")
+
+
+def _numbers(text: str) -> list[float]:
+    """Numbers of an attribute; none where one of them is no number."""
     try:
-        value = default if text is None else float(text)
+        return [float(word) for word in text.split()]
     except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
-        raise ConfigError(f"{where}: {key} is {text}: it must be a finite number")
-    return value
+        return []
 
 
-def _check_limits(robot: Element, path: Path) -> None:
-    """Raises ConfigError for a range that no joint has, and for one that is in degrees."""
+def _number(element: Element, key: str) -> float:
+    """An attribute that `_check_numbers` has passed; 0 where it is left out."""
+    return float(element.get(key, 0.0))
+
+
+def _complete_limits(robot: Element, path: Path, notes: list[str]) -> None:
+    """Write the end that a limit leaves out: 0. Raises ConfigError for a range that no joint has, and for one that is
+    in degrees."""
     for joint in robot.findall("joint"):
         limit, kind = joint.find("limit"), joint.get("type")
         if limit is None or kind not in ("revolute", "prismatic") or not {"lower", "upper"} & set(limit.keys()):
             continue
-        where = f"{path}: joint {joint.get('name')}"
-        lower, upper = _number(limit, "lower", where), _number(limit, "upper", where)
+        where, lower, upper = f"{path}: joint {joint.get('name')}", _number(limit, "lower"), _number(limit, "upper")
+        left_out = {"lower", "upper"} - set(limit.keys())
+        for end in left_out:
+            limit.set(end, "0")
+            notes.append(f"{joint.get('name')}: its limit has no {end}, which is 0 in a URDF: {lower:g} … {upper:g}")
         if lower > upper:
-            raise ConfigError(f"{where}: lower {lower:g} is above upper {upper:g}: exchange them, or turn its axis")
+            why = f", the one that is left out ({left_out.pop()}) being 0" if left_out else ""
+            raise ConfigError(
+                f"{where}: lower {lower:g} is above upper {upper:g}{why}: exchange them, or turn its axis"
+            )
         if lower == upper and joint.find("mimic") is None:
             raise ConfigError(f"{where}: lower and upper are both {lower:g}: give its range, or make it fixed")
         if kind == "revolute" and max(-lower, upper) > 2.0 * np.pi:
@@ -154,16 +200,16 @@ def _check_limits(robot: Element, path: Path) -> None:
 
 
 def _check_inertias(robot: Element, path: Path) -> None:
-    """Raises ConfigError for a mass or an inertia that is no number, or below zero."""
+    """Raises ConfigError for a mass or an inertia below zero, and for inertial data without a mass."""
     for link in robot.findall("link"):
         inertial, where = link.find("inertial"), f"{path}: link {link.get('name')}"
         mass, inertia = (None, None) if inertial is None else (inertial.find("mass"), inertial.find("inertia"))
         if inertial is not None and mass is None:
             raise ConfigError(f"{where}: its <inertial> has no <mass>: give it one, or leave out the block")
-        if mass is not None and (value := _number(mass, "value", f"{where}: mass")) < 0.0:
+        if mass is not None and (value := _number(mass, "value")) < 0.0:
             raise ConfigError(f"{where}: its mass is {value:g} kg, below zero")
         for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz") if inertia is not None else ():
-            value = _number(inertia, key, f"{where}: inertia")  # type: ignore[arg-type]
+            value = _number(inertia, key)  # type: ignore[arg-type]
             if key[1] == key[2] and value < 0.0:
                 raise ConfigError(f"{where}: its inertia {key} is {value:g} kg·m², below zero")
 
@@ -197,7 +243,7 @@ def _repair_inertias(robot: Element, notes: list[str]) -> list[str]:
     for link in robot.findall("link"):
         name, inertial = str(link.get("name")), link.find("inertial")
         solid = any(link.find(f"{kind}/geometry") is not None for kind in ("collision", "visual"))
-        mass = float(inertial.find("mass").get("value", 0)) if inertial is not None else 0.0  # type: ignore[union-attr]
+        mass = _number(inertial.find("mass"), "value") if inertial is not None else 0.0  # type: ignore[arg-type]
         if inertial is None or mass <= 0.0:
             if inertial is not None:
                 link.remove(inertial)
@@ -236,7 +282,7 @@ def _point(mass: float) -> Element:
 
 
 def _tensor(element: Element) -> Array:
-    xx, yy, zz, xy, xz, yz = (float(element.get(key, 0.0)) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
+    xx, yy, zz, xy, xz, yz = (_number(element, key) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
@@ -255,7 +301,7 @@ def _efforts(robot: Element, notes: list[str]) -> tuple[str, ...]:
             if limit is not None:
                 limit.set("effort", "0")  # A mimic joint has no motor.
             continue
-        effort = float(limit.get("effort", 0.0)) if limit is not None else 0.0
+        effort = _number(limit, "effort") if limit is not None else 0.0
         if not 0.0 < effort < PLACEHOLDER:
             unlimited.append(str(joint.get("name")))
             if limit is not None:
@@ -291,7 +337,12 @@ def _couple(spec: mujoco.MjSpec, robot: Element, path: Path) -> None:
     for joint in robot.findall("joint"):
         mimic = joint.find("mimic")
         if mimic is not None:
-            law = float(mimic.get("multiplier", 1.0)), float(mimic.get("offset", 0.0))
+            law = float(mimic.get("multiplier", 1.0)), _number(mimic, "offset")
+            if not law[0]:
+                raise ConfigError(
+                    f"{path}: joint {joint.get('name')} mimics {mimic.get('joint')} with the multiplier 0: it stands "
+                    f"at its offset {law[1]:g}, so make it fixed, with that in its origin"
+                )
             laws[str(joint.get("name"))] = (str(mimic.get("joint")), *law)
     for equality in list(spec.equalities):  # MuJoCo's own reading of a chain of them is another.
         spec.delete(equality)
