@@ -152,7 +152,7 @@ class Guard:
         self._limp = limp_of(inner.spec)
         self._state: HandState | None = None
         self._fault: HandError | None = None
-        self._row = 0
+        self._count = 0
         """States since `reset`."""
 
     @property
@@ -180,7 +180,7 @@ class Guard:
 
     def reset(self) -> HandState:
         self._history.clear()
-        self._fault, self._row = None, 0
+        self._fault, self._count = None, 0
         self._state = self._inner.reset()
         return self._state
 
@@ -201,7 +201,7 @@ class Guard:
                 state = self._newer(state, before)
         except HandError as error:
             raise self._stopped(error) from error.__cause__
-        self._state, self._row = state, self._row + 1
+        self._state, self._count = state, self._count + 1
         reason = violation(state, self._limits, self.spec)
         if reason is not None:
             self._history.append(Sample(state, self._limp))
@@ -213,7 +213,7 @@ class Guard:
 
         Raises HandFault where only a reset leads out."""
         self._state = state = recover(self._inner)
-        self._fault, self._row = None, self._row + 1
+        self._fault, self._count = None, self._count + 1
         self._history.append(Sample(state, self._limp))
         return state
 
@@ -228,7 +228,7 @@ class Guard:
             if not (state.t >= before.t and state.tick >= before.tick):
                 name = "t" if not state.t >= before.t else "tick"
                 raise HandFault(
-                    f"{self.spec.name}: row {self._row + 1}: {name} is {getattr(state, name):g} after "
+                    f"{self.spec.name}: state {self._count + 1} after reset: {name} is {getattr(state, name):g} after "
                     f"{getattr(before, name):g}; it must increase: see to the backend's clock"
                 )
             if time.monotonic() - began > limit:

@@ -259,13 +259,14 @@ def test_a_state_that_comes_twice_is_passed_over() -> None:
     ("t", "tick", "said"),
     [(0.003, 3, "t is 0.003 after 0.006"), (0.009, 1, "tick is 1 after 2"), (math.nan, 3, "t is nan after 0.006")],
 )
-def test_time_that_goes_back_is_a_fault_that_names_the_row_and_both_values(t: float, tick: int, said: str) -> None:
+def test_time_that_goes_back_is_a_fault_that_names_the_state_and_both_values(t: float, tick: int, said: str) -> None:
     hand = ScriptedHand(state(1), state(2), replace(state(), t=t, tick=tick))
     guard = Guard(hand, LIMITS)
     guard.reset()
     for _ in range(2):
         guard.write(TorqueCommand(np.full(16, 0.1)))
         guard.read()
-    with pytest.raises(HandFault, match=f"^allegro_right: row 3: {said}; it must increase: see to the backend's clock"):
+    where = "^allegro_right: state 3 after reset: "
+    with pytest.raises(HandFault, match=f"{where}{said}; it must increase: see to the backend's clock$"):
         guard.read()
     assert not hand.torque.any()
