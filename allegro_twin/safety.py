@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,11 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from allegro_twin.backend import HandBackend, limp_of, position_of, recover, torque_of
-from allegro_twin.errors import ConfigError, HandError, HandFault, TooFast
+from allegro_twin.errors import ConfigError, HandError, HandFault, LinkTimeout, TooFast
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, PositionCommand, Sample, TorqueCommand, Vector
 
 HISTORY = 500  # Samples: 1.5 s at 333 Hz.
+SILENCE, PERIODS = 0.05, 10
+"""s, and periods of the hand, whichever is longer, without a new time after which a hand counts as silent."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,6 +140,9 @@ PathCheck = Callable[[Vector, Vector], None]
 class Guard:
     """Limits and trips. A fault leaves the hand limp until `reset`; every HandError carries the last samples.
 
+    A state that is no newer than the one before is passed over; a hand that tells no new time for SILENCE, or PERIODS,
+    is a LinkTimeout, and one whose time goes back a HandFault.
+
     `path_check`: examines the path to a commanded position before it is sent.
     """
 
@@ -146,6 +152,8 @@ class Guard:
         self._limp = limp_of(inner.spec)
         self._state: HandState | None = None
         self._fault: HandError | None = None
+        self._count = 0
+        """States since `reset`."""
 
     @property
     def spec(self) -> HandSpec:
@@ -172,7 +180,7 @@ class Guard:
 
     def reset(self) -> HandState:
         self._history.clear()
-        self._fault = None
+        self._fault, self._count = None, 0
         self._state = self._inner.reset()
         return self._state
 
@@ -186,11 +194,14 @@ class Guard:
             raise self._stopped(error) from error.__cause__
 
     def read(self) -> HandState:
-        self._ready()
+        before = self._ready()
         try:
-            self._state = state = self._inner.read()
+            state = self._inner.read()
+            if not (state.t > before.t and state.tick > before.tick):
+                state = self._newer(state, before)
         except HandError as error:
             raise self._stopped(error) from error.__cause__
+        self._state, self._count = state, self._count + 1
         reason = violation(state, self._limits, self.spec)
         if reason is not None:
             self._history.append(Sample(state, self._limp))
@@ -202,12 +213,31 @@ class Guard:
 
         Raises HandFault where only a reset leads out."""
         self._state = state = recover(self._inner)
-        self._fault = None
+        self._fault, self._count = None, self._count + 1
         self._history.append(Sample(state, self._limp))
         return state
 
     def close(self) -> None:
         self._inner.close()
+
+    def _newer(self, state: HandState, before: HandState) -> HandState:
+        """The first state that is newer than the one before, of a hand that has just told the same time again. Raises
+        LinkTimeout where it goes on telling it, HandFault where its time goes back."""
+        limit, began = max(SILENCE, PERIODS * self.period), time.monotonic()
+        while not (state.t > before.t and state.tick > before.tick):
+            if not (state.t >= before.t and state.tick >= before.tick):
+                name = "t" if not state.t >= before.t else "tick"
+                raise HandFault(
+                    f"{self.spec.name}: state {self._count + 1} after reset: {name} is {getattr(state, name):g} after "
+                    f"{getattr(before, name):g}; it must increase: see to the backend's clock"
+                )
+            if time.monotonic() - began > limit:
+                raise LinkTimeout(
+                    f"no new state from {self.spec.name} for {limit:g} s: it tells t {state.t:g} s, tick {state.tick} "
+                    "again and again; see to the hand, and to the backend, whose t and tick must increase"
+                )
+            state = self._inner.read()
+        return state
 
     def _limited(self, command: Command, state: HandState) -> Command:
         spec, limits = self.spec, self._limits

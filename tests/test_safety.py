@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from allegro_twin.errors import CommandError, ConfigError, HandFault, LinkError, TooFast
+from allegro_twin.errors import CommandError, ConfigError, HandFault, LinkError, LinkTimeout, TooFast
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.loop import run
 from allegro_twin.recording.reader import load
@@ -220,3 +220,53 @@ def test_a_torque_at_and_beyond_a_stop_is_a_number_however_thin_the_zone(beyond:
     limits = replace(LIMITS, zone=1e-9)
     for torque in (-0.1, 0.1):
         assert np.isfinite(clamp(np.full(16, torque), state(position=SPEC.upper + beyond), limits)).all()
+
+
+class FrozenClock(ScriptedHand):
+    """Tells the same state for so many reads, or for good."""
+
+    def __init__(self, t: float, tick: int, reads: float = math.inf) -> None:
+        super().__init__()
+        self.last, self.left = replace(state(), t=t, tick=tick), reads
+
+    def read(self) -> HandState:
+        self.left -= 1
+        return self.last if self.left >= 0 else state(self.last.tick + 1)
+
+
+@pytest.mark.parametrize(("t", "tick"), [(0.0, 0), (0.003, 0), (0.0, 1)])
+def test_a_hand_whose_time_stands_still_ends_as_a_silent_one_and_is_left_limp(t: float, tick: int) -> None:
+    hand = FrozenClock(t, tick)
+    guard = Guard(hand, LIMITS)
+    guard.reset()
+    guard.write(TorqueCommand(np.full(16, 0.1)))
+    said = rf"^no new state from allegro_right for 0\.05 s: it tells t {t:g} s, tick {tick} again and again"
+    with pytest.raises(LinkTimeout, match=said):
+        guard.read()
+    assert not hand.torque.any()
+    with pytest.raises(LinkTimeout):
+        guard.write(TorqueCommand(np.full(16, 0.1)))
+    assert not hand.torque.any()
+
+
+def test_a_state_that_comes_twice_is_passed_over() -> None:
+    guard = Guard(FrozenClock(0.0, 0, reads=3), LIMITS)
+    guard.reset()
+    assert guard.read().tick == 1
+
+
+@pytest.mark.parametrize(
+    ("t", "tick", "said"),
+    [(0.003, 3, "t is 0.003 after 0.006"), (0.009, 1, "tick is 1 after 2"), (math.nan, 3, "t is nan after 0.006")],
+)
+def test_time_that_goes_back_is_a_fault_that_names_the_state_and_both_values(t: float, tick: int, said: str) -> None:
+    hand = ScriptedHand(state(1), state(2), replace(state(), t=t, tick=tick))
+    guard = Guard(hand, LIMITS)
+    guard.reset()
+    for _ in range(2):
+        guard.write(TorqueCommand(np.full(16, 0.1)))
+        guard.read()
+    where = "^allegro_right: state 3 after reset: "
+    with pytest.raises(HandFault, match=f"{where}{said}; it must increase: see to the backend's clock$"):
+        guard.read()
+    assert not hand.torque.any()

@@ -36,7 +36,7 @@ def make_recording(config: RunConfig, log: Path, target: Path, bus: str | None =
         "config": config.model_dump(mode="json"),
         "log": log.name,
     }
-    samples = samples_of_log(log, codec, host_settings(settings, config.period), found, bus)
+    samples = samples_of_log(log, codec, host_settings(settings, config.period), found, bus, spec.side)
     with atomic_file(target) as temporary:
         for sample in record(samples, temporary, spec, config.period, meta=meta):
             position = sample.state.position

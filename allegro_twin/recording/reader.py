@@ -165,6 +165,8 @@ class CellRecording:
     meta: Mapping[str, Any]
     tracks: Mapping[str, RecordingTrack]
     complete: bool
+    partial: bool = False
+    """Of a device whose rows are wrong from one on, those before it are read."""
 
     @property
     def devices(self) -> tuple[str, ...]:
@@ -175,7 +177,8 @@ class CellRecording:
         """The samples of a device, as a recording of its own. Raises RecordingError."""
         if name not in self.devices:
             raise RecordingError(f"{self.path}: {unknown('track of a device', name, self.devices)}")
-        return _recording(self.path, self._stream(name), self.complete, f"{self.path}, track {name},")
+        said = f"{self.path}, track {name},"
+        return _recording(self.path, self._stream(name), self.complete, said, partial=self.partial)
 
     def events(self, name: str) -> list[dict[str, Any]]:
         """The events of a journal, oldest first; none where the file has no such journal. Raises RecordingError."""
@@ -191,7 +194,8 @@ class CellRecording:
 
 def load(path: str | Path, *, partial: bool = False, track: str | None = None) -> Recording:
     """Read a recording, or one track of a recording with several. Raises RecordingError for a file that is no recording
-    and, unless `partial`, for a file that was cut inside a batch; the message says how many rows are readable."""
+    and, unless `partial`, for a file that was cut inside a batch or has a row that no hand reports; the message says
+    how many rows are readable, and `partial` reads those before it."""
     path = Path(path)
     stream = read_stream(path)
     if stream.meta["version"] == SHARED:
@@ -203,7 +207,7 @@ def load(path: str | Path, *, partial: bool = False, track: str | None = None) -
         raise RecordingError(f"{path} is of one device and has no track {track!r}: leave it out")
     if not partial:
         _check_whole(path, stream, "whole rows")
-    return _recording(path, stream, stream.ended, str(path))
+    return _recording(path, stream, stream.ended, str(path), partial=partial)
 
 
 def load_cell(path: str | Path, *, partial: bool = False) -> CellRecording:
@@ -229,15 +233,15 @@ def _tracks(path: Path, stream: ArrowStream, *, partial: bool) -> CellRecording:
         content = b"".join(rows.column("data").to_pylist())
         inner = parse_stream(content, f"{path}, track {name},")
         found[name] = RecordingTrack(content, "fields" in inner.meta, inner.table.num_rows)
-    return CellRecording(path, stream.meta, found, stream.ended)
+    return CellRecording(path, stream.meta, found, stream.ended, partial)
 
 
-def _recording(path: Path, stream: ArrowStream, complete: bool, name: str) -> Recording:
+def _recording(path: Path, stream: ArrowStream, complete: bool, name: str, *, partial: bool) -> Recording:
     if stream.table.num_rows == 0:
         raise RecordingError(f"{name} has no rows: nothing was recorded before the process ended")
     columns = {each: numpy_column(stream.table.column(each)) for each in stream.table.column_names}
-    check_recording(name.removesuffix(","), stream.meta, columns)
-    return Recording(path, stream.meta, columns, complete=complete)
+    found = check_recording(name.removesuffix(","), stream.meta, columns, partial=partial)
+    return Recording(path, stream.meta, found, complete=complete and len(found["t"]) == len(columns["t"]))
 
 
 def _check_whole(path: Path, stream: ArrowStream, what: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,8 +15,9 @@ from allegro_twin.errors import RecordingError
 from allegro_twin.files.first_error import closing_noted
 from allegro_twin.recording.arrow_writer import END, FORMAT, VERSION, FileSink, Sink, arrow_column
 from allegro_twin.recording.spec_json import spec_to_json
+from allegro_twin.recording.validation import STRONGEST, bad_row
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Array, Command, PositionCommand, Sample, TorqueCommand
+from allegro_twin.types import Array, Command, HandState, PositionCommand, Sample, TorqueCommand
 
 BATCH = 100  # Rows: what a killed process can lose, 0.3 s at 333 Hz.
 UNITS = {
@@ -41,7 +43,8 @@ class Recorder:
     signal may interrupt any line (`recording.arrow_writer`).
 
     Raises RecordingError when the file cannot be made or the disk is full; the message says how many rows are readable
-    then: those of whole batches. Likewise for a row with other columns than the first: `close` keeps those before it.
+    then: those of whole batches. Likewise for a row with other columns than the first, and for one that no reader takes
+    (`validation.bad_row`): `close` keeps those before it.
     """
 
     def __init__(
@@ -76,6 +79,17 @@ class Recorder:
             self._begin(sample, further)
         self._check(further)
         row, buffers = self._rows - self._done.rows, self._buffers
+        # The row before the first of a batch is the last of the batch before, which is still in the buffer.
+        before = (buffers["t"][row - 1], buffers["tick"][row - 1]) if self._rows else (-math.inf, -math.inf)
+        if not _readable(state, before):
+            one = {name: np.array([getattr(state, name)]) for name in _ALWAYS} | {
+                name: np.array([value]) for name, value in further.items()
+            }
+            if (bad := bad_row(one, before)) is not None:
+                raise RecordingError(
+                    f"{self._where}row {self._rows + 1}: {bad.why}; no reader takes such a row, so it is left out and "
+                    "the rows before it are kept: see to what the hand's backend reports"
+                )
         buffers["t"][row] = state.t
         buffers["tick"][row] = state.tick
         buffers["position"][row] = state.position
@@ -162,6 +176,18 @@ class Recorder:
                 f"its first {rows} rows are readable: --partial" if rows else "no row of it is whole, and it is removed"
             )
             raise RecordingError(f"{error}; {rest}") from error.__cause__
+
+
+def _readable(state: HandState, before: tuple[float, float]) -> bool:
+    """Whether a reader surely takes a state after one at t, s, and tick; in a few microseconds."""
+    return bool(
+        before[0] < state.t < math.inf
+        and state.tick > before[1]
+        and np.isfinite(state.position).all()
+        and not np.isinf(state.velocity).any()
+        and not np.isinf(state.torque).any()
+        and not (np.abs(state.gravity) >= STRONGEST).any()
+    )
 
 
 def command_columns(command: Command) -> dict[str, Array]:

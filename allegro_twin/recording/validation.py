@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from typing import Any, get_args
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 import pyarrow as pa
@@ -48,11 +48,16 @@ def stream_metadata(name: str, schema: pa.Schema) -> dict[str, Any]:
     return meta
 
 
-def check_recording(name: str, meta: Mapping[str, Any], columns: Mapping[str, Array]) -> None:
-    """Raise RecordingError, which names the metadata, or the column and the row, unless a recording of a device can be
-    replayed: all columns of a state and of a command, as wide as its hand, numbers; positions are finite; `t` and
-    `tick` increase, and together as the period says; no value is infinite, and gravity is what an IMU can measure.
-    Rows count from 0. Other columns may have NaN (`missed.hold_missed`), and ticks may jump."""
+def check_recording(
+    name: str, meta: Mapping[str, Any], columns: Mapping[str, Array], *, partial: bool = False
+) -> Mapping[str, Array]:
+    """The columns; if `partial`, of the rows before the first that is wrong.
+
+    Raise RecordingError, which names the metadata, or the column and the row, unless a recording of a device can be
+    replayed: all columns of a state and of a command, as wide as its hand, numbers; no row is a `bad_row`; `t` and
+    `tick` increase together as the period says. Rows count from 0. Columns that a hand need not report may have NaN
+    (`missed.hold_missed`), and ticks may jump.
+    """
     spec = _check_metadata(name, meta)
     n = spec.n_joints
     widths: dict[str, int | None] = {"t": None, "tick": None, **dict.fromkeys(_ROWS, n), "gravity": 3}
@@ -61,30 +66,52 @@ def check_recording(name: str, meta: Mapping[str, Any], columns: Mapping[str, Ar
         widths[each] = 1 if each == "command_duration" else spec.n_actuators
     for each, width in widths.items():
         _check_column(name, columns, each, width)
-    for each in ("t", "position", command[0]):
+    found = bad_row(columns)
+    if found is not None and partial and found.row:
+        columns = {each: values[: found.row] for each, values in columns.items()}
+    elif found is not None:
+        rest = f"; with --partial the {found.row} rows before it are read" if found.row else ""
+        raise RecordingError(f"{name}: row {found.row}: {found.why}{found.cause}{rest}")
+    _check_clock(name, float(meta["period"]), columns["t"], columns["tick"])
+    return columns
+
+
+class BadRow(NamedTuple):
+    """The first row that no reader takes."""
+
+    row: int
+    why: str
+    cause: str = ""
+    """What the rows of a file have been through that was written whole."""
+
+
+def bad_row(columns: Mapping[str, Array], before: tuple[float, float] = (-math.inf, -math.inf)) -> BadRow | None:
+    """The first of some rows (k,) or (k, width) that cannot be replayed, by the columns of a state and a command:
+    positions and commands are finite; no value is infinite, and gravity is what an IMU can measure; t and tick, which
+    were `before` the first row, increase."""
+    found: list[BadRow] = []
+    command = next(each[0] for each in _COMMANDS if each[0] in columns)
+    for each in ("t", "position", command):
         bad = ~np.isfinite(columns[each])
         if bad.any():
             row, *place = (int(k) for k in np.argwhere(bad)[0])
             what = f"{each}[{place[0]}]" if place else each
-            raise RecordingError(f"{name}: row {row}: {what} is {columns[each][row, *place]}, not a finite number")
+            found.append(BadRow(row, f"{what} is {columns[each][row, *place]}, not a finite number"))
     for each, most in (("velocity", np.inf), ("torque", np.inf), ("gravity", STRONGEST)):
         beyond = np.abs(columns[each]) >= most
         if beyond.any():
-            first, joint = (int(k) for k in np.argwhere(beyond)[0])
-            value, at = columns[each][first, joint], columns["t"][first]
-            raise RecordingError(
-                f"{name}: row {first}: {each}[{joint}] is {value:g} at {at:.3f} s, which no hand reports: the file is "
-                "damaged; cut the row out, or record again"
-            )
-    for each in ("tick", "t"):
-        bad = np.diff(columns[each]) <= 0
+            row, joint = (int(k) for k in np.argwhere(beyond)[0])
+            value, at = columns[each][row, joint], columns["t"][row]
+            why = f"{each}[{joint}] is {value:g} at {at:.3f} s, which no hand reports"
+            found.append(BadRow(row, why, ": the file is damaged; cut the row out, or record again"))
+    for each, last in (("tick", before[1]), ("t", before[0])):
+        bad = np.diff(columns[each], prepend=last) <= 0
         if bad.any():
-            row = int(np.argmax(bad)) + 1
-            before, now = columns[each][row - 1], columns[each][row]
-            raise RecordingError(
-                f"{name}: row {row}: {each} is {now:g} after {before:g}; it must increase: rows were repeated or moved"
-            )
-    _check_clock(name, float(meta["period"]), columns["t"], columns["tick"])
+            row = int(np.argmax(bad))
+            earlier = columns[each][row - 1] if row else last
+            why = f"{each} is {columns[each][row]:g} after {earlier:g}; it must increase"
+            found.append(BadRow(row, why, ": rows were repeated or moved"))
+    return min(found, key=lambda each: each.row, default=None)
 
 
 def check_radians(name: str, position: Array, spec: HandSpec) -> None:

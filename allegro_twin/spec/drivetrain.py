@@ -123,6 +123,12 @@ AILMENTS: dict[Ailment, tuple[float, float]] = {
 """How much, when it is drawn by chance: the share that a motor gives; N·m that hold a joint; rad; rad/s; kg at the link
 that the joint moves; N·m; the share that is left of the friction of every contact, whatever the joint;
 rad of backlash, of a fingertip."""
+POSSIBLE: dict[Ailment, tuple[float, float]] = {
+    "weak": (0.0, 1.0), "stuck": (0.0, math.inf), "encoder_step": (-math.inf, math.inf),
+    "encoder_drift": (-math.inf, math.inf), "payload": (0.0, math.inf), "friction": (0.0, math.inf),
+    "slippery": (0.0, 1.0), "loose": (0.0, math.inf),
+}  # fmt: skip
+"""Least and most amount that there is of each, in the units of `AILMENTS`."""
 LONGEST_DELAY = 0.5
 """s from a command to its torque: a hundred times that of the hands we know, so that a longer one is another unit."""
 _SINGLE = ("delay", "seed")

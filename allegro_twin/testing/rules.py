@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import pairwise
 from typing import Any
 
@@ -103,9 +103,12 @@ def reset_begins_at_zero(make: Make) -> None:
 
 
 def time_increases(make: Make) -> None:
-    """t and tick only go forward, and t is tick periods, to half a period."""
+    """For half a second t and tick only go forward, and t is tick periods, to half a period."""
     with opened(make) as backend:
         states, period = drive(backend, 20), backend.period
+        with suppress(EndOfRecording):
+            while len(states) < 0.5 / period:
+                states.append(backend.read())
     for before, after in pairwise(states):
         require(after.t > before.t, f"t went from {before.t} s to {after.t} s")
         require(after.tick > before.tick, f"tick went from {before.tick} to {after.tick}")

@@ -160,6 +160,7 @@ BAD: list[tuple[rules.Rule, type[Good], str]] = [
     (rules.reset_begins_at_zero, state_with(t=lambda hand: hand.tick * PERIOD + 1e-4), "gives t 0.0001 s, tick 0"),
     (rules.time_increases, state_with(tick=lambda hand: hand.tick // 2), "tick went from 0 to 0"),
     (rules.time_increases, state_with(t=lambda hand: hand.tick * 0.01), "whose time is 0.003 s"),
+    (rules.time_increases, state_with(tick=lambda hand: min(hand.tick, 100)), "tick went from 100 to 100"),
     (rules.a_state_is_whole, state_with(velocity=lambda hand: frozen(np.full(16, np.nan))),
      "velocity is .*: not finite"),
     (rules.a_state_is_whole, state_with(torque=lambda hand: frozen(np.zeros(4))), r"float64 of shape \(4,\)"),

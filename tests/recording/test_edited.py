@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 import os
+import re
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +21,10 @@ from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.recording.arrow_writer import arrow_column
 from allegro_twin.recording.missed import hold_missed
 from allegro_twin.recording.reader import load, load_cell, read_stream
-from allegro_twin.recording.recorder import Recorder
+from allegro_twin.recording.recorder import BATCH, Recorder
+from allegro_twin.recording.recorder import record as recorded
 from allegro_twin.spec import HandSpec
+from allegro_twin.types import Sample, frozen
 from tests.recording.test_cell_recording import path as cell  # noqa: F401  # A fixture.
 from tests.recording.test_recording import record, sample
 
@@ -81,11 +86,43 @@ def test_rows_and_columns_that_a_hand_cannot_have_given_are_refused(
 ) -> None:
     stream = read_stream(written)
     path = write(tmp_path / "e.arrow", edit(stream.table), stream.meta)
-    for partial in (False, True):
+    row = re.match(r"row (\d+)", said)
+    for partial in (False, True) if row is None else (False,):
         with pytest.raises(RecordingError, match=said) as caught:
             load(path, partial=partial)
         assert str(caught.value).startswith(str(path))
         assert "\n" not in str(caught.value)
+    if row is not None:
+        assert str(caught.value).endswith(f"; with --partial the {row[1]} rows before it are read")
+        before = load(path, partial=True)
+        assert (len(before), before.complete) == (int(row[1]), False)
+        assert {len(column) for column in before.columns.values()} == {int(row[1])}
+
+
+@pytest.mark.parametrize("at", [1, BATCH, BATCH + 50])
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"t": 0.0, "tick": -1}, "tick is -1 after"),
+        ({"t": math.nan}, "t is nan, not a finite number"),
+        ({"gravity": frozen([0.0, 0.0, -981.0])}, r"gravity\[2\] is -981 at .* s, which no hand reports"),
+        ({"velocity": frozen(np.full(16, np.inf))}, r"velocity\[0\] is inf at"),
+        ({"torque": frozen(np.full(16, -np.inf))}, r"torque\[0\] is -inf at"),
+        ({"position": frozen(np.full(16, np.nan))}, r"position\[0\] is nan, not a finite number"),
+    ],
+)
+def test_a_row_that_no_reader_takes_is_refused_when_it_comes_and_the_rows_before_it_are_kept(
+    changes: dict[str, Any], said: str, at: int, tmp_path: Path, spec: HandSpec
+) -> None:
+    path = tmp_path / "r.arrow"
+    rows = [sample(tick) for tick in range(at + 1)]
+    rows[at] = Sample(replace(rows[at].state, **changes), rows[at].command)
+    with pytest.raises(
+        RecordingError, match=rf"r\.arrow: row {at + 1}: {said}.*see to what the hand's backend reports$"
+    ):
+        list(recorded(rows, path, spec, 0.003))
+    kept = load(path)
+    assert (len(kept), kept.complete) == (at, True)
 
 
 METADATA: list[tuple[tuple[str, ...], Any, str]] = [

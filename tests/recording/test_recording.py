@@ -379,13 +379,12 @@ def test_what_ended_a_session_is_raised_and_a_disk_that_failed_after_it_is_its_n
 def test_a_long_session_needs_no_more_memory_than_a_short_one(tmp_path: Path, spec: HandSpec) -> None:
     """Ten minutes are 200,000 rows; the buffers of one batch are all that is kept."""
     recorder = Recorder(tmp_path / "long.arrow", spec, 0.003)
-    row = sample(0)
-    for _ in range(2 * BATCH):
-        recorder.add(row)
+    for tick in range(2 * BATCH):
+        recorder.add(sample(tick))
     tracemalloc.start()
     before, arrow = tracemalloc.get_traced_memory()[0], pa.total_allocated_bytes()
-    for _ in range(200_000):
-        recorder.add(row)
+    for tick in range(2 * BATCH, 200_000):
+        recorder.add(sample(tick))
     grown = tracemalloc.get_traced_memory()[0] - before + pa.total_allocated_bytes() - arrow
     tracemalloc.stop()
     recorder.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Generic, TypeVar
@@ -21,6 +22,13 @@ class FaultEvent(Settings):
     what: str
     which: Annotated[int, Field(ge=0)] = 0
     """The actuator."""
+
+
+def check_amount(what: str, amount: float | None, least: float, most: float) -> None:
+    """Raises ValueError for an amount of a fault that there is not; None leaves it to the hand."""
+    if amount is not None and not least <= amount <= most:
+        bounds = f"{least:g} … {most:g}" if most < math.inf else f"from {least:g}"
+        raise ValueError(f"amount: of {what} it is {bounds}, not {amount:g}")
 
 
 E = TypeVar("E", bound=FaultEvent)

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from allegro_twin.drivers.base.faults import FaultEvent
+from allegro_twin.drivers.base.faults import FaultEvent, check_amount
 from allegro_twin.files.schema import Gravity, Positive, Probability, Seed, Settings
 from allegro_twin.hands.description.calibration import Version
 from allegro_twin.hands.settings import TaskSettings
 from allegro_twin.plugins import BackendSettings
 from allegro_twin.sim.settings import SceneSettings
-from allegro_twin.spec.drivetrain import Ailment
+from allegro_twin.spec.drivetrain import POSSIBLE, Ailment
 
 VIRTUAL = "allegro-virtual"
 """The interface that is a bus inside this program."""
@@ -27,6 +27,12 @@ class BusFaultEvent(FaultEvent):
     """`silence`: the finger, 0 … 3; `overheat` and what goes wrong with the hand itself: the joint, 0 … 15."""
     amount: float | None = None
     """Amount of a fault of the hand itself; docs/reference/hand_files.md#faults."""
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        if self.what in POSSIBLE:
+            check_amount(self.what, self.amount, *POSSIBLE[self.what])
+        return self
 
 
 class FaultSettings(Settings):

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from allegro_twin.drivers.base.faults import FaultEvent, LineNoise
+from allegro_twin.drivers.base.faults import FaultEvent, LineNoise, check_amount
 from allegro_twin.drivers.base.host_settings import VIRTUAL_PORT
 from allegro_twin.files.schema import PerJoint, Positive, Settings
 from allegro_twin.plugins import BackendSettings
@@ -44,6 +44,16 @@ class ServoFaultEvent(FaultEvent):
     ]  # fmt: skip
     amount: float | None = None
     """`overheat`: °C; `other_id`: the id."""
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        if self.what == "overheat":
+            check_amount(self.what, self.amount, 0.0, 255.0)
+        if self.what == "other_id":
+            check_amount(self.what, self.amount, 0.0, 252.0)
+            if self.amount is not None and self.amount % 1.0:
+                raise ValueError(f"amount: an id is a whole number, not {self.amount:g}")
+        return self
 
 
 class ServoFaultSettings(LineNoise):

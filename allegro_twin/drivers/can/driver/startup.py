@@ -97,21 +97,34 @@ def identify(port: BusPort, codec: Codec, spec: HandSpec, timeout: float) -> tup
             "version and device, or set `identify: false` for a hand that does not answer"
         )
     assert isinstance(found, m.Information)
-    generation = _GENERATION.get(codec.version)
-    if generation is not None and found.hardware >> 8 != generation:
-        raise ConfigError(
-            f"the hand says hardware {found.hardware:#06x}, which is no {codec.version} hand; correct `version`"
-        )
+    if why := mismatch(found, codec, spec.side):
+        raise ConfigError(why)
     side = found.side
     if side is None and isinstance(serial := ask(port, codec, Topic.SERIAL, m.Serial, timeout), m.Serial):
-        version, side = parse_serial(serial.text)
-        if version is not None and version != codec.version:
-            raise ConfigError(f"serial {serial.text} is a {version} hand, not {codec.version}; correct `version`")
-    if side is not None and side != spec.side:
-        raise ConfigError(f"this is a {side} hand; the config says {spec.side}: correct `hand: {{side: …}}`")
+        side = parse_serial(serial.text)[1]
+        if why := mismatch(serial, codec, spec.side):
+            raise ConfigError(why)
     if found.bits is not None:
         refuse(found.bits)  # Before the motors go on: a hand that is still hot stays limp.
     return found, side
+
+
+def mismatch(said: m.Information | m.Serial, codec: Codec, side: str) -> str:
+    """Why a hand that says this of itself is not the one of a config, which has this side; empty where it may be."""
+    generation = _GENERATION.get(codec.version)
+    if isinstance(said, m.Information):
+        its = said.side
+        if generation is not None and said.hardware >> 8 != generation:
+            return f"the hand says hardware {said.hardware:#06x}, which is no {codec.version} hand; correct `version`"
+    else:
+        if generation != 5:  # A serial of others tells neither.
+            return ""
+        version, its = parse_serial(said.text)
+        if version is not None and version != codec.version:
+            return f"serial {said.text} is a {version} hand, not {codec.version}; correct `version`"
+    if its is None or its == side:
+        return ""
+    return f"this is a {its} hand; the config says {side}: correct `hand: {{side: …}}`"
 
 
 def _instead(port: BusPort) -> str:

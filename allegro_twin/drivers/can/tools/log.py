@@ -145,15 +145,21 @@ def frames_of_log(path: Path, bus: str | None = None) -> Iterator[tuple[Stamped,
 
 
 def samples_of_log(
-    path: Path, codec: Codec, settings: CanHostSettings, found: Found | None = None, bus: str | None = None
+    path: Path,
+    codec: Codec,
+    settings: CanHostSettings,
+    found: Found | None = None,
+    bus: str | None = None,
+    side: str | None = None,
 ) -> Iterator[Sample]:
     """What a hand's session was, from a log of its bus: every whole hand with the torques that were sent next.
 
     Time is the log's, from the first whole hand. What was sent is known by its identifier, so a log without directions
-    will do. `found` counts what there was. Raises RecordingError or ConfigError.
+    will do. `found` counts what there was. `side`: of the config's hand, where one that says another is to be refused.
+    Raises RecordingError or ConfigError.
     """
     found = found if found is not None else Found()
-    heard = Samples(codec, settings, found)
+    heard = Samples(codec, settings, found, side)
     for (frame, t), where in frames_of_log(path, bus):
         sample = heard.hear(frame, t, where)
         if sample is not None:

@@ -16,6 +16,7 @@ from allegro_twin.drivers.can.codec.messages import Four
 from allegro_twin.drivers.can.driver.clock import OFF, steady
 from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
 from allegro_twin.drivers.can.driver.interpreter import Interpreter
+from allegro_twin.drivers.can.driver.startup import mismatch
 from allegro_twin.errors import ConfigError
 from allegro_twin.types import HandState, Sample, TorqueCommand, frozen
 
@@ -48,10 +49,16 @@ class Found:
 
 
 class Samples:
-    """Takes frames of one hand and its driver, in their order; gives a sample when the next state is whole."""
+    """Takes frames of one hand and its driver, in their order; gives a sample when the next state is whole.
 
-    def __init__(self, codec: Codec, settings: CanHostSettings, found: Found) -> None:
+    `side`: of the config's hand; one that says another of itself is refused, unless the settings ask for no identity.
+    """
+
+    def __init__(self, codec: Codec, settings: CanHostSettings, found: Found, side: str | None = None) -> None:
         self._codec, self._settings, self.found, self._bus = codec, settings, found, ""
+        self._side = side if settings.identify else None
+        self._wrong: dict[str, str] = {}
+        """By bus, why the hand there is another than the config's."""
         self._interpreter = Interpreter(codec, settings)
         self._latched = frozen(self._interpreter.torque)
         self._state: HandState | None = None
@@ -68,6 +75,10 @@ class Samples:
             self._settle()
         message = self._interpreter.hear(frame, t)
         self.found.malformed = self._interpreter.health.malformed
+        if isinstance(message, m.Information | m.Serial) and self._side is not None:
+            self._wrong[bus] = mismatch(message, self._codec, self._side) or self._wrong.get(bus, "")
+        if reports and (why := self._wrong.get(bus)):
+            raise ConfigError(why)
         if isinstance(message, m.SetTorque):
             self._sent.setdefault(message.finger, message.torque)
         if not reports or self._interpreter.whole is None:

@@ -58,8 +58,8 @@ class BusFaults:
                 case "recover":
                     self._recover(hands)
                 case _:
-                    low, high = AILMENTS[event.what]
-                    _suffer(hands, event.what, event.which, event.amount or (low + high) / 2.0)
+                    usual = sum(AILMENTS[event.what]) / 2.0
+                    _suffer(hands, event.what, event.which, usual if event.amount is None else event.amount)
 
     def to_hand(self, frames: list[Frame]) -> list[Frame]:
         """What arrives at the hands of what the host sent."""

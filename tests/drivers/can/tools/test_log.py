@@ -97,6 +97,37 @@ def test_a_log_of_another_version_is_refused_where_its_joints_stand_beyond_their
     exported(can_config("v4"), log)
 
 
+def test_a_log_in_which_a_hand_says_another_side_or_version_than_the_config_is_refused(tmp_path: Path) -> None:
+    right = m.Information(0x0400, 0x0100, "right")
+    log = candump(tmp_path / "c.log", (0.0, "can0", right), *reports(0.001), *reports(0.004))
+    config = can_config("v4")
+    exported(config, log)
+    (tmp_path / "exported.arrow").unlink()
+    left = config.model_copy(update={"hand": config.hand.model_copy(update={"side": "left"})})
+    with pytest.raises(ConfigError, match="this is a right hand; the config says left: correct `hand: {side: …}`$"):
+        exported(left, log)
+    assert not (tmp_path / "exported.arrow").exists()
+    exported(left, candump(tmp_path / "other.log", (0.0, "can1", right), *reports(0.001), *reports(0.004)))
+    silent = left.model_copy(update={"backend": left.backend.model_copy(update={"identify": False})})
+    exported(silent, log)
+    older = m.Information(0x0300, 0x0100, "left")
+    with pytest.raises(ConfigError, match="the hand says hardware 0x0300, which is no v4 hand; correct `version`"):
+        exported(left, candump(tmp_path / "old.log", (0.0, "can0", older), *reports(0.001), *reports(0.004)))
+
+
+def test_a_serial_in_a_log_tells_the_side_of_a_v5_hand(tmp_path: Path) -> None:
+    v5 = make_codec("v5")
+    said: list[tuple[float, str, Message | Frame]] = [(0.0, "can0", v5.encode(m.Serial("5TAR0017")))]
+    for k in range(3):
+        said += [
+            (0.003 * k + t, bus, v5.encode(each)) for t, bus, each in reports(0.001) if not isinstance(each, Frame)
+        ]
+    log = candump(tmp_path / "c.log", *said)
+    for side in ("right", "left"):
+        with pytest.raises(ConfigError, match="this is a right hand") if side == "left" else nullcontext():
+            list(samples_of_log(log, v5, CanHostSettings(), side=side))
+
+
 def test_an_exported_log_replays_as_a_hand(tmp_path: Path) -> None:
     config = can_config("v4").model_copy(update={"seconds": 0.3})
     recording, _ = exported(config, logged(config, tmp_path, ".log")[1])

@@ -8,8 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.drivers.can.driver.backend import CanBackend
+from allegro_twin.drivers.dynamixel.config import DynamixelSettings
 from allegro_twin.errors import ConfigError
+from allegro_twin.files.schema import parse_settings
 from allegro_twin.types import Array, TorqueCommand
 from tests.conftest import on_a_bus
 
@@ -79,6 +82,35 @@ def test_what_goes_wrong_with_a_joint_shows_from_that_moment_on() -> None:
 def test_a_stuck_joint_stays_where_it_is() -> None:
     ill = suffered({"at": 0.0, "what": "stuck", "which": 5})
     assert np.ptp(ill[:, 5]) < 1e-3
+
+
+def test_a_motor_of_which_nothing_is_left_is_dead() -> None:
+    dead = suffered({"at": 0.0, "what": "weak", "which": 5, "amount": 0})
+    limp = suffered({"at": 0.0, "what": "weak", "which": 5, "amount": 1e-12})
+    np.testing.assert_allclose(dead, limp, atol=np.radians(333.3 / 65536))
+    np.testing.assert_array_equal(suffered({"at": 0.0, "what": "payload", "which": 5, "amount": 0}), suffered())
+
+
+@pytest.mark.parametrize(
+    ("what", "amount", "bounds"),
+    [("weak", -5, "0 … 1"), ("weak", 1.5, "0 … 1"), ("payload", -0.5, "from 0"), ("friction", -0.1, "from 0"),
+     ("stuck", -1, "from 0"), ("loose", -0.01, "from 0"), ("slippery", 2, "0 … 1")],
+)  # fmt: skip
+def test_an_amount_that_no_fault_has_is_refused_with_its_range(what: str, amount: float, bounds: str) -> None:
+    faults = {"script": [{"at": 0.1, "what": what, "which": 2, "amount": amount}]}
+    with pytest.raises(ConfigError, match=f"faults.script.0: amount: of {what} it is {bounds}, not {amount:g}$"):
+        parse_settings(CanSettings, {"kind": "can", "faults": faults}, "config")
+
+
+@pytest.mark.parametrize(
+    ("what", "amount", "said"),
+    [("other_id", 300, "of other_id it is 0 … 252, not 300"), ("other_id", 1.5, "an id is a whole number, not 1.5"),
+     ("overheat", -10, "of overheat it is 0 … 255, not -10")],
+)  # fmt: skip
+def test_an_amount_that_no_servo_has_is_refused_with_its_range(what: str, amount: float, said: str) -> None:
+    faults = {"script": [{"at": 0.1, "what": what, "amount": amount}]}
+    with pytest.raises(ConfigError, match=f"faults.script.0: amount: {said}$"):
+        parse_settings(DynamixelSettings, {"kind": "dynamixel", "faults": faults}, "config")
 
 
 def test_what_goes_wrong_by_chance_is_the_same_for_the_same_seed() -> None:
