@@ -31,6 +31,8 @@ CAMERA = SETTINGS.model_dump()["camera"]
      "lemon stands .* mm deep in the tray where the cell begins: move it by its `at`"),
     ({"tray": {"at": [0.0, 0.2]}},
      r"tray.at \(0.00, 0.20\): the tray .* stands in perception's `workspace`, .* where it would hide objects"),
+    ({"objects": [APPLE], "tray": {"size": [0.005, 0.005]}},
+     r"tray.size 0.005 x 0.005 m: no object goes between its walls, 6 mm thick; make it larger"),
     ({"security": {"position": [-0.1, 0.0, 0.01], "facing": [0.0, 0.0, -1.0], "fingers": [1.0, 0.0, 0.0]}},
      r"security.position \(-0.10, 0.00, 0.01\): \S+ would wait \d+ mm deep in the table; take a place with more room"),
     ({"camera": CAMERA | {"mount": {"position": [0.36, 0.0, -0.46], "towards": [0.0, 0.0, 0.05]}}},

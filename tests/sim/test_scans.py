@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import struct
 from dataclasses import replace
 from pathlib import Path
@@ -38,6 +39,7 @@ from tests.sim.dirty_meshes import (
     fine,
     merged,
     moved,
+    mug,
     obj,
     pcd,
     ply,
@@ -189,6 +191,22 @@ def test_a_repair_that_moves_the_surface_by_more_than_a_millimetre_is_refused(tm
         assert checked(tmp_path / "scan.stl", worse, ScanSettings(tolerance=0.06)) is worse
 
 
+def test_an_open_surface_is_offered_a_wall_first_and_no_tolerance_that_is_large_beside_it(tmp_path: Path) -> None:
+    made = make_clean(stl(tmp_path / "scan.stl", soup(bottomless(bottle())), 0.001))  # 64 mm wide.
+    note = "if it is a thin wall, allegro-twin mesh --wall 2mm"
+    wall = r"scan\.stl: repaired \(1 hole closed\), .*: it is open: .*, allegro-twin mesh scan\.stl --wall 2mm --out "
+    for deviation, wanted in ((0.0063, wall + r".*, or allow it, .* --tolerance 6\.3mm .*, or .*--hull"),
+                              (0.0066, wall + r"scan_clean\.obj, or take its convex hull, --hull")):  # fmt: skip
+        worse = replace(made, report=replace(made.report, deviation=deviation, done=("1 hole closed", note)))
+        with pytest.raises(ConfigError, match=wanted):
+            checked(tmp_path / "scan.stl", worse, ScanSettings())
+    closed = replace(made, report=replace(made.report, deviation=0.002))
+    with pytest.raises(
+        ConfigError, match=r": allow it, allegro-twin mesh scan\.stl --scale 0\.001 --tolerance 2\.0mm "
+    ):
+        checked(tmp_path / "scan.stl", closed, ScanSettings(0.001))
+
+
 @pytest.mark.slow
 def test_a_repair_that_moves_the_surface_is_refused_with_a_way_out_that_works(tmp_path: Path) -> None:
     """A bowl of one sheet, taken as a wall, is rounded at its rim."""
@@ -276,10 +294,22 @@ def test_a_table_that_was_scanned_with_a_thing_is_refused_and_named(tmp_path: Pa
             make_clean(tmp_path / name)
 
 
-def test_a_plate_with_a_knob_is_no_table(tmp_path: Path) -> None:
-    plate = Solid(cracker().vertices * [1, 0.8, 0.05], cracker().faces)
+def test_a_plate_with_a_knob_is_no_table_and_is_said_to_be_taken_as_a_part(tmp_path: Path) -> None:
+    plate = Solid(cracker().vertices * [1, 0.8, 0.025], cracker().faces)
     both = merged(plate, moved(ball(), (0, 0, 0.016), 0.5))
-    assert make_clean(stl(tmp_path / "lid.stl", soup(both), 0.001)).report.extents[0] == pytest.approx(0.16)
+    report = make_clean(stl(tmp_path / "lid.stl", soup(both), 0.001)).report
+    assert report.extents[0] == pytest.approx(0.16)
+    (said,) = (each for each in report.done if "plate" in each)
+    wanted = (
+        r"a flat plate of some 1[67]. × 1[56]. mm, 64 % of the volume, is taken as a part of it: .*table, crop it off"
+    )
+    assert re.match(wanted, said)
+    slab = Solid(cracker().vertices * [1.25, 0.8, 0.02], cracker().faces)
+    table = merged(slab, moved(mug(), (0, 0, 0.0006)))  # Most of its triangles are slivers.
+    (said,) = (
+        each for each in make_clean(stl(tmp_path / "mug.stl", soup(table), 0.001)).report.done if "plate" in each
+    )
+    assert "a flat plate of some 20" in said or "a flat plate of some 19" in said
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ from allegro_twin.cell.arm.arm_with_hand import ArmWithHand
 from allegro_twin.cell.settings import LabSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.contact.initial_overlap import check_objects_apart, initial_overlaps
+from allegro_twin.sim.model.scene import WALL
 from allegro_twin.sim.objects.catalogue import PlacedObject
 from allegro_twin.types import Vector
 
@@ -22,7 +23,7 @@ def check_scene(robot: ArmWithHand, settings: LabSettings, objects: Sequence[Pla
     names, position = [each.grasp_object.name for each in objects], _waiting(robot)
     _check_on_table(robot, objects)
     check_objects_apart(robot.world.model, names, position)
-    _check_tray(settings)
+    _check_tray(settings, objects)
     still = {_TABLE, _TRAY}
     for parts, depth in initial_overlaps(robot.world.model, names, position):
         pair = {_TRAY if part.startswith(f"{_TRAY}_") else part for part in parts}
@@ -89,7 +90,7 @@ def _check_on_table(robot: ArmWithHand, objects: Sequence[PlacedObject]) -> None
             )
 
 
-def _check_tray(settings: LabSettings) -> None:
+def _check_tray(settings: LabSettings, objects: Sequence[PlacedObject]) -> None:
     tray, seen = settings.tray, settings.perception.workspace
     if tray is None:
         return
@@ -99,6 +100,13 @@ def _check_tray(settings: LabSettings) -> None:
             f"tray.at {_place(tray.at)}: the tray reaches from {_place(low)} to {_place(high)} and stands in "
             f"perception's `workspace`, {_place(seen.lower[:2])} to {_place(seen.upper[:2])}, where it would hide "
             "objects: move one out of the other"
+        )
+    inside = np.sort(tray.size) - 2.0 * WALL
+    known = [each.grasp_object for each in objects if each.grasp_object.shape != "mjcf"]
+    if len(known) == len(objects) > 0 and all(np.any(np.sort(2.0 * o.half_extents())[:2] > inside) for o in known):
+        raise ConfigError(
+            f"tray.size {tray.size[0]:g} x {tray.size[1]:g} m: no object goes between its walls, {1e3 * WALL:.0f} mm "
+            "thick; make it larger"
         )
 
 

@@ -19,10 +19,14 @@ from allegro_twin.files.fingerprints import fingerprint
 from allegro_twin.sim.objects import mesh_repair as fix
 from allegro_twin.sim.objects.mesh_repair import Repair, Soup
 from allegro_twin.sim.objects.point_clouds import (
+    CROP,
+    PLATE,
+    Plate,
     close_cloud,
     complete_surface,
+    find_plate,
     is_walled,
-    refuse_table,
+    table_error,
     whole_points,
 )
 from allegro_twin.sim.objects.remesh import Surface, remesh, sample, thicken
@@ -55,6 +59,11 @@ _SHELLS = 40
 """Most shells of one solid; more are a tangle, which is made anew."""
 _TABLE = 0.25
 """m: a closed plate that is wider than that is no part of a thing for a hand."""
+_THIN = "if it is a thin wall, allegro-twin mesh --wall 2mm"
+"""Note on an open surface that was closed over much of its area."""
+_ALLOWED = 0.1
+"""Largest tolerance that is offered, in smallest extents of the result: fingers close across that one, and a surface
+that is off by more of it is another object to them."""
 _WALL = 0.002
 """m: thickness of a wall that a file shows as a surface without one."""
 
@@ -167,8 +176,14 @@ def _close(path: Path, scan: Scan, settings: ScanSettings) -> CleanMesh:
         raise ConfigError(f"{path}: is flat and encloses no volume: allegro-twin mesh --wall 2mm makes a plate of it")
     closed = fix.is_closed(soup)
     if settings.wall is None and not (closed and fix.loose_parts(soup).max() == 0):
-        some = sample(soup, float(np.sqrt(fix.areas(soup).sum() / 20_000)))[1]
-        refuse_table(path, some, _TABLE if closed else 0.0)  # A closed one may be the lid below a knob.
+        face, some = sample(soup, float(np.sqrt(fix.areas(soup).sum() / 20_000)))
+        plate = find_plate(some)
+        if plate is not None and (not closed or plate.edges[1] >= _TABLE):
+            raise table_error(path, plate)
+        weight = (fix.areas(soup) / np.maximum(np.bincount(face, minlength=len(soup.faces)), 1))[face]
+        even = some[np.random.default_rng(0).choice(len(some), 20_000, p=weight / weight.sum())]  # Slivers have more.
+        if closed and (plate := find_plate(even, closed=True)) is not None:  # It may be the lid below a knob.
+            repair.done.append(_plate_note(plate, soup))
     before = soup = fix.drop_flaps(soup, repair)  # Without flecks and flaps.
     if len(soup.faces) > fix.MANY:
         soup = fix.decimate(soup, fix.FEW)
@@ -186,17 +201,34 @@ def _close(path: Path, scan: Scan, settings: ScanSettings) -> CleanMesh:
     return checked(path, CleanMesh(solid.vertices, solid.faces, report), settings)
 
 
+def _plate_note(plate: Plate, soup: Soup) -> str:
+    part, volumes = fix.loose_parts(soup), list[tuple[bool, float]]()
+    size = float(np.ptp(soup.vertices, axis=0).max())
+    for k in range(part.max() + 1):
+        shell = fix.compact(Soup(soup.vertices, soup.faces[part == k]))
+        flat = np.ptp(shell.vertices @ plate.normal) < PLATE * size
+        volumes.append((bool(flat), abs(fix.volume(shell))))
+    share = sum(volume for flat, volume in volumes if flat) / sum(volume for _, volume in volumes)
+    some = f", {100 * share:.2g} % of the volume," if share else ""
+    return f"a flat plate of some {plate}{some} is taken as a part of it: if it is the table, {CROP}"
+
+
 def checked(path: Path, made: CleanMesh, settings: ScanSettings) -> CleanMesh:
     """Return the solid, or raise ConfigError for one that deviates too much from its scan."""
     report = made.report
     if report.deviation > settings.tolerance:
-        out = path.with_name(f"{path.stem}_clean.obj").name
-        most = np.ceil(1e4 * report.deviation) / 10
-        typed = f"allegro-twin mesh {shlex.quote(path.name)} --tolerance {most:.1f}mm --out {shlex.quote(out)}"
-        said = f"allow it, {typed}, or " if most < 20 else ""
+        most = np.ceil(1e4 * report.deviation) / 1e4
+        own = f" --scale {settings.scale:g}" if settings.scale is not None else ""
+        own += f" --wall {1000 * settings.wall:g}mm" if settings.wall is not None else ""
+        command = f"allegro-twin mesh {shlex.quote(path.name)}{own}"
+        out = f"--out {shlex.quote(path.with_name(f'{path.stem}_clean.obj').name)}"
+        ways = [f"it is open: make a thin wall of it, {command} --wall 2mm {out}"] if _THIN in report.done else []
+        if most <= _ALLOWED * min(report.extents):
+            ways.append(f"allow it, {command} --tolerance {1000 * most:.1f}mm {out}")
+        done = "; ".join(each for each in report.done if each != _THIN)
         raise ConfigError(
-            f"{path}: repaired ({'; '.join(report.done)}), its surface deviates by {1000 * report.deviation:.2g} mm, "
-            f"more than {1000 * settings.tolerance:.2g} mm: {said}take its convex hull, --hull"
+            f"{path}: repaired ({done}), its surface deviates by {1000 * report.deviation:.2g} mm, more than "
+            f"{1000 * settings.tolerance:.2g} mm: {', or '.join([*ways, 'take its convex hull, --hull'])}"
         )
     return made
 
@@ -226,7 +258,7 @@ def _solid(path: Path, soup: Soup, before: Soup, repair: Repair, settings: ScanS
             whole = None if _stands(mended, repair) else _completed(path, before, settings, repair)
             if whole is not None:
                 return whole
-            repair.done.append("if it is a thin wall, allegro-twin mesh --wall 2mm")
+            repair.done.append(_THIN)
         if fix.is_closed(mended) and (joined := _joined(mended, repair)) is not None:
             return joined
         soup = mended

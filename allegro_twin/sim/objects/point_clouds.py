@@ -37,6 +37,8 @@ TABLE = 0.3
 """Share of the points of a scan, from which on their plane may be a table."""
 STEEP = 0.85
 """Cosine between view and axis, above which a view along the axis shows no side."""
+PLATE = 0.03
+"""Largest thickness of a closed plate, in extents of the scan."""
 _NEIGHBOURS = 14
 _OUTLINE = np.radians(130.0)
 """A point without neighbours in so wide an angle is of the outline."""
@@ -74,7 +76,8 @@ def close_cloud(path: Path, scan: Scan, scale: float | None, repair: Repair) -> 
         raise ConfigError(f"{path}: {len(points)} points show no surface; at least {FEWEST}, or --hull")
     unit, factor = find_unit(path, scan, scale, points)
     points = points * factor
-    refuse_table(path, points)
+    if (plate := find_plate(points)) is not None:
+        raise table_error(path, plate)
     cloud = _thinned(path, points, normals)
     solid = _closed(path, cloud, normals is not None, repair, points)
     return ClosedCloud(solid, points, cloud.spacing, unit, factor)
@@ -99,9 +102,33 @@ def complete_surface(path: Path, soup: Soup, repair: Repair) -> Soup:
     return _closed(path, _thinned(path, points, normals), True, repair)
 
 
-def refuse_table(path: Path, points: Numbers, least: float = 0.0) -> None:
-    """Raises ConfigError where points, spread evenly over a surface, are of a thing and of what it stands on: a plane
-    that is wider than the rest on three sides or four, with nothing behind it, and at least so many m wide."""
+class Plate(NamedTuple):
+    """A plane of a scan, wider than the rest of it."""
+
+    edges: tuple[float, float]
+    """The longer and the shorter one, m."""
+    normal: Numbers
+    """(3,)."""
+
+    def __str__(self) -> str:
+        return f"{1000 * self.edges[0]:.0f} × {1000 * self.edges[1]:.0f} mm"
+
+
+CROP = "crop it off in the scanner's program, or in MeshLab or CloudCompare"
+
+
+def table_error(path: Path, plate: Plate) -> ConfigError:
+    """What refuses a scan with its table."""
+    return ConfigError(
+        f"{path}: a plane of some {plate}, wider than the thing on it, is the table that it was scanned on: {CROP}"
+    )
+
+
+def find_plate(points: Numbers, *, closed: bool = False) -> Plate | None:
+    """What a thing stands on, where points, spread evenly over a surface, are of both: a plane that is wider than the
+    rest on three sides or four, with nothing behind it. `closed`: a plate with both its faces, so that one has half the
+    points and the other may be behind it."""
+    least, thick = (TABLE / 2, PLATE) if closed else (TABLE, 0.01)
     rng = np.random.default_rng(0)
     some = points[rng.choice(len(points), min(len(points), 20_000), replace=False)]
     size = float(np.ptp(some, axis=0).max())
@@ -112,26 +139,23 @@ def refuse_table(path: Path, points: Numbers, least: float = 0.0) -> None:
             continue
         near = int((np.abs((few - corners[0]) @ normal) < 0.006 * size * length).sum())
         best = max(best, (near, corners[0], normal / length), key=lambda each: each[0])
-    if best[0] < TABLE * len(few):
-        return
+    if best[0] < least * len(few):
+        return None
     at, normal = _plane(some[np.abs((some - best[1]) @ best[2]) < 0.006 * size])
     height = (some - at) @ normal
     height *= np.sign((height > 0.03 * size).sum() - (height < -0.03 * size).sum()) or 1.0
     plane, rest = some[np.abs(height) < 0.01 * size], some[height > 0.03 * size]
-    if len(rest) < 0.01 * len(some) or (height < -0.01 * size).sum() > 0.01 * len(some):
-        return
+    if len(rest) < 0.01 * len(some) or (height < -thick * size).sum() > 0.01 * len(some):
+        return None
     across = np.linalg.svd(normal[None])[2][1:].T
     turns = [across @ [[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]] for a in np.radians(np.arange(0, 90, 5))]
     frame = min(turns, key=lambda each: float(np.prod(np.ptp(plane @ each, axis=0))))
     (low, high), (inner, outer) = (np.quantile(each @ frame, [0.005, 0.995], axis=0) for each in (plane, rest))
     margin = np.concatenate([inner - low, high - outer])
-    wide = 1000 * np.sort(high - low)[::-1]
-    if (margin > 0.1 * float((outer - inner).max())).sum() < 3 or wide[1] < 1000 * least:
-        return
-    raise ConfigError(
-        f"{path}: a plane of some {wide[0]:.0f} × {wide[1]:.0f} mm, wider than the thing on it, is the table that it "
-        "was scanned on: crop it off in the scanner's program, or in MeshLab or CloudCompare"
-    )
+    if (margin > 0.1 * float((outer - inner).max())).sum() < 3:
+        return None
+    shorter, longer = np.sort(high - low).tolist()
+    return Plate((longer, shorter), normal)
 
 
 def _stray(points: Numbers) -> Numbers:
