@@ -23,7 +23,7 @@ def check_scene(robot: ArmWithHand, settings: LabSettings, objects: Sequence[Pla
     names, position = [each.grasp_object.name for each in objects], _waiting(robot)
     _check_on_table(robot, objects)
     check_objects_apart(robot.world.model, names, position)
-    _check_tray(settings, objects)
+    _check_tray(settings)
     still = {_TABLE, _TRAY}
     for parts, depth in initial_overlaps(robot.world.model, names, position):
         pair = {_TRAY if part.startswith(f"{_TRAY}_") else part for part in parts}
@@ -90,7 +90,7 @@ def _check_on_table(robot: ArmWithHand, objects: Sequence[PlacedObject]) -> None
             )
 
 
-def _check_tray(settings: LabSettings, objects: Sequence[PlacedObject]) -> None:
+def _check_tray(settings: LabSettings) -> None:
     tray, seen = settings.tray, settings.perception.workspace
     if tray is None:
         return
@@ -101,12 +101,10 @@ def _check_tray(settings: LabSettings, objects: Sequence[PlacedObject]) -> None:
             f"perception's `workspace`, {_place(seen.lower[:2])} to {_place(seen.upper[:2])}, where it would hide "
             "objects: move one out of the other"
         )
-    inside = np.sort(tray.size) - 2.0 * WALL
-    known = [each.grasp_object for each in objects if each.grasp_object.shape != "mjcf"]
-    if len(known) == len(objects) > 0 and all(np.any(np.sort(2.0 * o.half_extents())[:2] > inside) for o in known):
+    if min(tray.size) <= 2.0 * WALL:
         raise ConfigError(
-            f"tray.size {tray.size[0]:g} x {tray.size[1]:g} m: no object goes between its walls, {1e3 * WALL:.0f} mm "
-            "thick; make it larger"
+            f"tray.size {tray.size[0]:g} x {tray.size[1]:g} m: walls of {1e3 * WALL:.0f} mm leave no room between "
+            "them; make it larger"
         )
 
 
