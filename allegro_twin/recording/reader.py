@@ -166,7 +166,7 @@ class CellRecording:
     tracks: Mapping[str, RecordingTrack]
     complete: bool
     partial: bool = False
-    """Of a device whose rows are wrong from one on, those before it are read."""
+    """Rows of a device are read up to the first that is wrong."""
 
     @property
     def devices(self) -> tuple[str, ...]:
