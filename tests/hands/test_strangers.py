@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from allegro_twin import Hand
+from allegro_twin import Hand, load_config
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.yaml_edit import write_settings
 from allegro_twin.hands import load_gains, load_spec
@@ -318,6 +318,40 @@ def test_links_of_an_mjcf_that_touch_at_rest_are_let_through_each_other_and_its_
     write_settings(Path("mine/two.yaml"), card, "two")
     with pytest.raises(ConfigError, match="no body named 'f3_base'"):
         hand_spec(load_spec("mine/two.yaml"))
+
+
+@pytest.mark.parametrize(
+    ("wall", "words"),
+    [
+        ("", ""),
+        (
+            'pos="-0.029 0 0.064" size="0.001 0.02 0.004"',
+            "has f2, f1 on a ball of 85 mm: with f2, f1 on a ball of 65 mm,",
+        ),
+        ('pos="0 0 0.05" size="0.005 0.02 0.03"', "is `flat`: with f2, f1 on a ball of 65 mm, f1 and palm would be 1"),
+    ],
+)
+def test_the_guessed_home_is_one_in_which_no_links_touch_and_the_written_config_goes_there(
+    wall: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = mjcf(tmp_path, SERVO)
+    if wall:
+        more = f'<geom type="box" {wall} mass="0.1"/><body name="f1_base"'
+        path.write_text(path.read_text().replace('<body name="f1_base"', more))
+    command("hand", "new", str(path), "--no-film")
+    told = [line for line in capsys.readouterr().out.splitlines() if "`home`" in line]
+    assert [line.startswith(f"Note: `home` {words}") for line in told] == ([True] if words else [])
+    card = yaml.safe_load(Path("mine/two.yaml").read_text())
+    spec = load_spec("mine/two.yaml")
+    model = hand_spec(spec).compile()
+    data = mujoco.MjData(model)
+    data.qpos[:] = card["postures"]["home"]
+    mujoco.mj_forward(model, data)
+    assert not data.ncon
+    command("run", "mine/sim_two.yaml")
+    said = capsys.readouterr()
+    assert "not reached" not in said.out + said.err
+    assert load_config("mine/sim_two.yaml").task.posture == "home"
 
 
 @pytest.mark.parametrize("root", [None, "palm"])

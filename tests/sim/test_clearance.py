@@ -79,3 +79,16 @@ def test_no_posture_that_ships_is_further_in_itself_than_a_quarter_of_a_millimet
     spec = load_spec(side=side)
     for name in posture_names():
         assert min(nearest(SelfClearance(spec), load_posture(name, spec)).values(), default=SIGHT) > -0.25e-3, name
+
+
+def test_links_on_a_palm_that_stands_still_may_touch_it_as_they_do_in_the_simulation() -> None:
+    text = """<mujoco><worldbody><body name="palm"><geom type="box" size="0.05 0.05 0.01"/>
+      <body name="link" pos="0 0 0.03"><joint axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 0.05" size="0.008"/>
+      <body name="next" pos="0 0 0.05"><joint axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 0.05" size="0.008"/>
+      </body></body></body></worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(text)
+    assert colliding_geoms(model) == [(0, 1), (0, 2)]
+    data = mujoco.MjData(model)
+    data.qpos[:] = 2.0, 0.0
+    mujoco.mj_forward(model, data)
+    assert {tuple(sorted(contact.geom.tolist())) for contact in data.contact} == {(0, 1), (0, 2)}

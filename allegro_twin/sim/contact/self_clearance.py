@@ -84,7 +84,8 @@ class SelfClearance:
 
 
 def colliding_geoms(model: mujoco.MjModel) -> list[tuple[int, int]]:
-    """The geoms that the simulation lets touch: of two links that are not neighbours and not excluded by the MJCF."""
+    """The geoms that the simulation lets touch: of two links that are not neighbours and not excluded by the MJCF. Of
+    the neighbours of what stands still with the world, MuJoCo lets all touch it."""
     solid = [g for g in range(model.ngeom) if model.geom_contype[g] or model.geom_conaffinity[g]]
     excluded = {int(s) for s in model.exclude_signature}
     parent = model.body_weldid[model.body_parentid]
@@ -93,7 +94,8 @@ def colliding_geoms(model: mujoco.MjModel) -> list[tuple[int, int]]:
         one, two = sorted(int(model.geom_bodyid[g]) for g in (a, b))
         weld, other = model.body_weldid[[one, two]]
         bits = model.geom_contype[a] & model.geom_conaffinity[b] or model.geom_contype[b] & model.geom_conaffinity[a]
-        neighbours = weld == other or parent[weld] == other or parent[other] == weld
+        beside = parent[weld] == other or parent[other] == weld
+        neighbours = weld == other or (beside and weld != 0 and other != 0)
         return bool(bits) and not neighbours and (one << 16) + two not in excluded
 
     return [(a, b) for a, b in combinations(solid, 2) if touch(a, b)]

@@ -26,6 +26,7 @@ from allegro_twin.grasping.plan.proposals.close_in_geometry import motor_scale
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.taxonomy import claim_type
 from allegro_twin.kinematics.hand import hand_kinematics
+from allegro_twin.sim.contact.self_clearance import SelfClearance
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
@@ -76,22 +77,52 @@ def opposing_grasps(spec: HandSpec) -> list[OpposingGrasp]:
     return found
 
 
-def card_postures(spec: HandSpec) -> dict[str, Vector]:
-    """Postures for the card of a hand, (n,), rad. `flat`: every motor as near to zero as it can be. `home`: fingertips
-    on a ball of 65 mm. `open`: the flat hand, its thumb, if it has one, turned to the fingers as in `home`. All
-    three are `flat` for a hand whose fingertips cannot oppose each other. Raises ConfigError without SciPy."""
+def card_postures(spec: HandSpec) -> tuple[dict[str, Vector], list[str]]:
+    """Postures for the card of a hand, (n,), rad, and notes on what touches in them. `flat`: every motor as near to
+    zero as it can be. `home`: fingertips on a ball, as many and as near to 65 mm as no parts of the hand touch; else
+    `flat`. `open`: the flat hand, its thumb, if it has one, turned to as many fingers as can have a ball. All three are
+    `flat` for a hand whose fingertips cannot oppose each other. Raises ConfigError without SciPy."""
     import_scipy("optimize")
-    flat = round_posture(spec.rest, spec)
+    flat, notes, touching = round_posture(spec.rest, spec), list[str](), _Touching(spec)
+    postures = dict.fromkeys(("home", "open", "flat"), flat)
     try:
         grasps = opposing_grasps(spec)
     except ConfigError:
-        return dict.fromkeys(("home", "open", "flat"), flat)
-    home = min(grasps, key=lambda grasp: (-len(grasp.fingers), abs(grasp.diameter - MIDDLING)))
-    opened = flat.copy()
-    if home.fingers[0] == THUMB:
-        turned = [joint for joint in spec.finger(THUMB).joints if home.preshape[joint] == home.squeeze[joint]]
-        opened[turned] = home.close[turned]
-    return {"home": round_posture(home.close, spec), "open": round_posture(opened, spec), "flat": flat}
+        grasps = []
+    grasps.sort(key=lambda grasp: (-len(grasp.fingers), abs(grasp.diameter - MIDDLING)))
+    home = next((grasp for grasp in grasps if not touching(round_posture(grasp.close, spec))), None)
+    if grasps and home is not grasps[0]:
+        instead = "is `flat`" if home is None else f"has {_on_ball(home)}"
+        met = touching(round_posture(grasps[0].close, spec))
+        notes.append(f"`home` {instead}: with {_on_ball(grasps[0])}, {met}")
+    if home is not None:
+        postures["home"] = round_posture(home.close, spec)
+    if grasps and grasps[0].fingers[0] == THUMB:
+        best, opened = grasps[0], flat.copy()
+        turned = [joint for joint in spec.finger(THUMB).joints if best.preshape[joint] == best.squeeze[joint]]
+        opened[turned] = best.close[turned]
+        postures["open"] = round_posture(opened, spec)
+    notes += [f"in the posture `{name}` {met}" for name in ("open", "flat") if (met := touching(postures[name]))]
+    return postures, notes
+
+
+def _on_ball(grasp: OpposingGrasp) -> str:
+    return f"{', '.join(grasp.fingers)} on a ball of {round(grasp.diameter * 1000)} mm"
+
+
+class _Touching:
+    """The parts of a hand that are deepest in each other in a posture, in words; empty where they are apart."""
+
+    def __init__(self, spec: HandSpec) -> None:
+        self._clearance = SelfClearance(spec)
+
+    def __call__(self, posture: Vector) -> str:
+        apart = self._clearance(posture[None])[0]
+        deepest = int(np.argmin(apart))
+        if apart[deepest] >= 0.0:
+            return ""
+        one, other = self._clearance.pairs[deepest]
+        return f"{one} and {other} would be {-1000.0 * apart[deepest]:.1f} mm inside each other"
 
 
 class _Opposition:

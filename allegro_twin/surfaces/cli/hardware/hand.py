@@ -181,14 +181,18 @@ def _write_hand(
     head = f"{called}: written by `allegro-twin hand new` from {model.name}; `palm`, `fingers`, `postures` are guesses."
     write_settings(card, content, head)
     try:
-        postures = card_postures(load_spec(str(card), side))
+        postures, more = card_postures(load_spec(str(card), side))
     except ConfigError as error:
         console.warn(f"no postures in the card: {error}")
     else:
+        found.notes.extend(more)
         content["postures"] = {name: posture.tolist() for name, posture in postures.items()}
         write_settings(card, content, head)
     kind = "pd" if content["commands"] == ["torque"] else "position"
-    run = {"hand": {"model": card.name, "side": side}, "backend": {"kind": "sim"}, "controller": {"kind": kind}}
+    task = {"task": {"posture": "home"}} if "postures" in content else {}
+    run = (
+        {"hand": {"model": card.name, "side": side}, "backend": {"kind": "sim"}} | task | {"controller": {"kind": kind}}
+    )
     write_settings(config, run, f"{called} in simulation.")
     for note in found.notes:
         console.console.print(f"Note: {note}", soft_wrap=True, highlight=False, markup=False)
