@@ -109,19 +109,19 @@ def identify(port: BusPort, codec: Codec, spec: HandSpec, timeout: float) -> tup
     return found, side
 
 
-def mismatch(said: m.Information | m.Serial, codec: Codec, side: str) -> str:
+def mismatch(answer: m.Information | m.Serial, codec: Codec, side: str) -> str:
     """Why a hand that says this of itself is not the one of a config, which has this side; empty where it may be."""
     generation = _GENERATION.get(codec.version)
-    if isinstance(said, m.Information):
-        its = said.side
-        if generation is not None and said.hardware >> 8 != generation:
-            return f"the hand says hardware {said.hardware:#06x}, which is no {codec.version} hand; correct `version`"
+    if isinstance(answer, m.Information):
+        its = answer.side
+        if generation is not None and answer.hardware >> 8 != generation:
+            return f"the hand says hardware {answer.hardware:#06x}, which is no {codec.version} hand; correct `version`"
     else:
         if generation != 5:  # A serial of others tells neither.
             return ""
-        version, its = parse_serial(said.text)
+        version, its = parse_serial(answer.text)
         if version is not None and version != codec.version:
-            return f"serial {said.text} is a {version} hand, not {codec.version}; correct `version`"
+            return f"serial {answer.text} is a {version} hand, not {codec.version}; correct `version`"
     if its is None or its == side:
         return ""
     return f"this is a {its} hand; the config says {side}: correct `hand: {{side: …}}`"
