@@ -166,7 +166,7 @@ class CellRecording:
     tracks: Mapping[str, RecordingTrack]
     complete: bool
     partial: bool = False
-    """Of a device whose rows are wrong from one on, those before it are read."""
+    """Whether the rows before the first wrong one of a device are read."""
 
     @property
     def devices(self) -> tuple[str, ...]:
