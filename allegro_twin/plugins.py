@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from importlib import import_module
+from traceback import walk_tb
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeVar
 
+import numpy as np
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationError
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
 from allegro_twin._lazy import entry_points_of
-from allegro_twin.backend import HandBackend
+from allegro_twin.backend import HandBackend, recover
 from allegro_twin.controller import Controller
-from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.errors import ConfigError, HandError, HandFault, unknown
+from allegro_twin.files.first_error import message_of
 from allegro_twin.files.schema import Settings
 from allegro_twin.hands.description.calibration import NOTHING, Version
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.settings import HandSettings, TaskSettings
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Vector
+from allegro_twin.types import Command, HandState, Vector
 
 if TYPE_CHECKING:
     from allegro_twin.grasping.trial import Trial
@@ -122,6 +127,111 @@ class BackendKind(Generic[S]):
     Raises ConfigError."""
     replays: bool = False
     """Whether it repeats what has happened: then no guard limits it, and it says itself when it ends."""
+
+
+@contextmanager
+def _told_in_one_line(source: Any, call: str) -> Iterator[None]:
+    """Raise what a package's code raises, a class or a function, as a HandFault that names the call and the deepest
+    line of its own modules."""
+    try:
+        yield
+    except HandError:
+        raise
+    except Exception as error:  # A package of somebody else's may raise anything.
+        modules = {getattr(each, "__module__", "") for each in getattr(source, "__mro__", (source,))}
+        own = {getattr(sys.modules.get(name), "__file__", None) for name in modules}
+        lines = [(frame.f_code.co_filename, line) for frame, line in walk_tb(error.__traceback__)][1:]
+        places = [place for place in lines if place[0] in own] or lines or [("", 0)]
+        said = " ".join(str(error).split())
+        raise HandFault(
+            f"{call} raises {type(error).__name__}{said and f': {said}'} ({places[-1][0]}:{places[-1][1]}); a backend "
+            "tells what goes wrong by a HandError: see to its package"
+        ) from error
+
+
+class PluginBackend:
+    """A backend of an installed package, of which every error is a HandError in one line.
+
+    What it raises besides, and a state that is none of its hand, is a HandFault that names its class, the call and the
+    place in its source. `close` raises one where the backend's does; an error that is on its way gets it as a note.
+    """
+
+    def __init__(self, backend: HandBackend, kind: str) -> None:
+        self.in_front_of, self._kind = backend, kind
+
+    @classmethod
+    def open(cls, kind: BackendKind[S], settings: S, context: BackendContext, name: str) -> HandBackend:
+        """Open a backend of a package's kind; one that is of this package stays as it is. Raises HandError."""
+        opener = kind.open
+        with _told_in_one_line(opener, f"backend {name}: {getattr(opener, '__qualname__', type(opener).__name__)}"):
+            backend = opener(settings, context)
+        return backend if type(backend).__module__.startswith("allegro_twin.") else cls(backend, name)
+
+    @property
+    def spec(self) -> HandSpec:
+        return self.in_front_of.spec
+
+    @property
+    def period(self) -> float:
+        return self.in_front_of.period
+
+    def reset(self) -> HandState:
+        with self._call("reset"):
+            state = self.in_front_of.reset()
+        return self._checked(state, "reset")
+
+    def write(self, command: Command) -> None:
+        with self._call("write"):
+            self.in_front_of.write(command)
+
+    def read(self) -> HandState:
+        with self._call("read"):
+            state = self.in_front_of.read()
+        return self._checked(state, "read")
+
+    def recover(self) -> HandState:
+        """Go on after a fault, where the backend can. Raises HandFault where only a reset leads out."""
+        with self._call("recover"):
+            state = recover(self.in_front_of)
+        return self._checked(state, "recover")
+
+    def close(self) -> None:
+        coming = sys.exc_info()[1]
+        try:
+            with self._call("close"):
+                self.in_front_of.close()
+        except HandError as error:
+            if not isinstance(coming, Exception):
+                raise
+            if str(error) not in message_of(coming):  # It was told, and `close` is called again.
+                coming.add_note(str(error))
+
+    def _call(self, method: str) -> AbstractContextManager[None]:
+        backend = type(self.in_front_of)
+        return _told_in_one_line(backend, f"backend {self._kind}: {backend.__qualname__}.{method}")
+
+    def _checked(self, state: HandState, method: str) -> HandState:
+        """The state. Raises HandFault for what is no state of this hand."""
+        n, wrong = self.spec.n_joints, ""
+        if not isinstance(state, HandState):
+            wrong = f"{' '.join(repr(state).split()):.60}, no HandState"
+        elif not (isinstance(state.t, float | int | np.floating) and isinstance(state.tick, int | np.integer)):
+            wrong = f"t {state.t!r:.60} and tick {state.tick!r:.60}, no numbers"
+        else:
+            for name, size in (("position", n), ("velocity", n), ("torque", n), ("temperature", n), ("gravity", 3)):
+                array: Any = getattr(state, name)
+                if not (isinstance(array, np.ndarray) and array.shape == (size,) and array.dtype.kind == "f"):
+                    found = f"{getattr(array, 'dtype', type(array).__name__)} of shape {np.shape(array)}"
+                    wrong = f"a state whose {name} is {found}, not float64 of shape ({size},)"
+                    break
+        if not wrong:
+            return state
+        code = getattr(getattr(type(self.in_front_of), method, None), "__code__", None)
+        place = "" if code is None else f" ({code.co_filename}:{code.co_firstlineno})"
+        raise HandFault(
+            f"backend {self._kind}: {type(self.in_front_of).__qualname__}.{method} returns {wrong}{place}; "
+            "`allegro-twin check-backend` tries every rule"
+        )
 
 
 @dataclass(frozen=True, slots=True)

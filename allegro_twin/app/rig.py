@@ -22,7 +22,7 @@ from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.limits import check_period, hand_limits
 from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.loop import resume
-from allegro_twin.plugins import BACKENDS, BackendContext
+from allegro_twin.plugins import BACKENDS, BackendContext, PluginBackend
 from allegro_twin.safety import Guard, Limits, check_speed
 from allegro_twin.sim.settings import SceneSettings, SimSettings
 from allegro_twin.spec import HandSpec
@@ -161,7 +161,9 @@ def assemble(config: RunConfig, physics: Physics | None = None) -> Rig:
     """The hand, its controller and the scenario of a config. `physics`: what stands behind a virtual hand in place of
     our simulation. Raises ConfigError, LinkError or RecordingError."""
     kind, scene = BACKENDS.kind(config.backend.kind), SimulatedScene()
-    backend = kind.open(config.backend, context_of(config, scene, physics))
+    context, name = context_of(config, scene, physics), config.backend.kind
+    own = name in BACKENDS.builtin
+    backend = kind.open(config.backend, context) if own else PluginBackend.open(kind, config.backend, context, name)
     with ExitStack() as opened:
         opened.callback(backend.close)
         spec = backend.spec

@@ -120,6 +120,30 @@ def test_run_drives_it_with_its_own_controller_and_records_it(installed: Path) -
     assert json.loads(json.dumps(recording.meta["config"]))["backend"]["mass"] == 0.02
 
 
+BROKEN = {
+    "read": "FriendlyHand.read raises RuntimeError: it exploded (",
+    "write": "FriendlyHand.write raises RuntimeError: it exploded (",
+    "close": "FriendlyHand.close raises RuntimeError: it exploded (",
+    "__init__": "FriendlyHand raises RuntimeError: it exploded (",
+}
+"""The method that raises, and what `run` says."""
+
+
+@pytest.mark.parametrize("method", BROKEN)
+def test_what_it_raises_ends_a_run_in_one_line_as_a_fault(installed: Path, method: str) -> None:
+    spoil = f"""
+import friendly_hand
+def explode(*given):
+    raise RuntimeError("it exploded")
+friendly_hand.FriendlyHand.{method} = explode
+"""
+    done = ran(installed, program=spoil + RUN.format("friendly.yaml"))
+    assert done.returncode == 4, done.stderr
+    assert BROKEN[method] in done.stderr
+    assert done.stderr.startswith("allegro-twin: backend friendly: ")
+    assert done.stderr.count("\n") == 1
+
+
 @pytest.mark.slow
 def test_a_policy_drives_it(installed: Path) -> None:
     pytest.importorskip("onnxruntime")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError
 from allegro_twin.types import Sample
@@ -129,7 +130,8 @@ class LoopThread:
             raise  # Its trace goes to the terminal.
         finally:
             if self._stopped:
-                self._let_go()
+                with suppress(HandError):  # `close` lets go once more, and raises it.
+                    self._let_go()
 
     def _end(self, error: BaseException | None) -> None:
         with self._news:

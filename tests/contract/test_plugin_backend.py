@@ -1,0 +1,99 @@
+"""A backend of an installed package may do anything: whoever drives it is told in one line."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from allegro_twin.backend import limp_of
+from allegro_twin.errors import HandFault, LinkError
+from allegro_twin.files.first_error import message_of
+from allegro_twin.plugins import PluginBackend
+from allegro_twin.types import HandState
+from tests.contract.test_rules import Good, changed
+
+
+class Broken(Good):
+    """A hand whose SDK raises."""
+
+    def read(self) -> HandState:
+        raise RuntimeError("my SDK exploded\nin two lines")
+
+    def write(self, command: object) -> None:
+        np.linalg.inv(np.zeros((2, 2)))  # Raises in another package.
+
+    def reset(self) -> HandState:
+        if self.closed:
+            raise KeyError("port")
+        return super().reset()
+
+
+def returning(make: Callable[[Good], object]) -> Good:
+    """A hand whose `read` returns something else."""
+    return changed(read=make)()
+
+
+def test_what_a_backend_raises_is_a_fault_that_names_its_class_the_call_and_the_line() -> None:
+    backend = PluginBackend(Broken(), "mine")
+    backend.reset()
+    with pytest.raises(HandFault) as read:
+        backend.read()
+    line = Broken.read.__code__.co_firstlineno + 1
+    said = rf"backend mine: Broken.read raises RuntimeError: my SDK exploded in two lines \({__file__}:{line}\); "
+    assert re.match(said, str(read.value))
+    assert isinstance(read.value.__cause__, RuntimeError)
+    line = Broken.write.__code__.co_firstlineno + 1
+    with pytest.raises(HandFault, match=rf"Broken.write raises LinAlgError: Singular matrix \({__file__}:{line}\)"):
+        backend.write(limp_of(backend.spec))
+    backend.close()
+    with pytest.raises(HandFault, match="Broken.reset raises KeyError: 'port'"):
+        backend.reset()
+
+
+@pytest.mark.parametrize(
+    ("state", "said"),
+    [
+        (lambda hand: None, "None, no HandState"),
+        (lambda hand: (0.1, 2), r"\(0.1, 2\), no HandState"),
+        (lambda hand: replace(hand.state(), position=np.zeros(12)),
+         r"a state whose position is float64 of shape \(12,\), not float64 of shape \(16,\)"),
+        (lambda hand: replace(hand.state(), torque=[None] * 16), r"a state whose torque is list of shape \(16,\), not"),
+        (lambda hand: replace(hand.state(), gravity=np.zeros((3, 1))),
+         r"a state whose gravity is float64 of shape \(3, 1\), not"),
+        (lambda hand: replace(hand.state(), t=None), "t None and tick 0, no numbers"),
+    ],
+)  # fmt: skip
+def test_a_state_that_is_none_of_the_hand_is_a_fault_that_says_what_came(state: Any, said: str) -> None:
+    backend = PluginBackend(returning(state), "mine")
+    backend.reset()
+    with pytest.raises(HandFault, match=rf"^backend mine: Bad.read returns {said}.* \({__file__}:\d+\); "):
+        backend.read()
+
+
+def test_an_error_of_its_own_tree_passes_as_it_is() -> None:
+    def cut(hand: Good) -> HandState:
+        raise LinkError("cable out")
+
+    backend = PluginBackend(returning(cut), "mine")
+    with pytest.raises(LinkError, match="^cable out$"):
+        backend.read()
+
+
+def test_a_close_that_raises_is_a_fault_and_the_note_of_an_error_that_is_on_its_way() -> None:
+    def lost(hand: Good) -> None:
+        raise OSError("no such port")
+
+    backend = PluginBackend(changed(close=lost)(), "mine")
+    for _ in range(2):
+        with pytest.raises(HandFault, match="backend mine: Bad.close raises OSError: no such port"):
+            backend.close()
+    with pytest.raises(HandFault) as caught, closing(backend), closing(backend):
+        raise HandFault("too hot")
+    assert message_of(caught.value).startswith("too hot; backend mine: Bad.close raises OSError: no such port (")
+    assert message_of(caught.value).count("no such port") == 1
