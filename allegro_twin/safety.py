@@ -7,6 +7,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -137,6 +138,16 @@ PathCheck = Callable[[Vector, Vector], None]
 """Raises CommandError for a position and a goal, (n,), rad, between which a hand must not go."""
 
 
+class GuardMemory(NamedTuple):
+    """State of a guard in a session."""
+
+    history: tuple[Sample, ...]
+    state: HandState | None
+    fault: HandError | None
+    states: int
+    """Since `reset`."""
+
+
 class Guard:
     """Limits and trips. A fault leaves the hand limp until `reset`; every HandError carries the last samples.
 
@@ -207,6 +218,15 @@ class Guard:
             self._history.append(Sample(state, self._limp))
             raise self._stopped(type(reason)(f"stopped: {reason}; reset to go on"))
         return state
+
+    def save(self) -> GuardMemory:
+        """Its state in the session; the backend's own state is no part of it."""
+        return GuardMemory(tuple(self._history), self._state, self._fault, self._count)
+
+    def restore(self, memory: GuardMemory) -> None:
+        """Go on from what `save` returned; the backend is restored by who owns it."""
+        history, self._state, self._fault, self._count = memory
+        self._history = deque(history, maxlen=HISTORY)
 
     def recover(self) -> HandState:
         """Go on after a fault in the same session, where the backend can; torques begin anew from nothing.

@@ -207,6 +207,18 @@ def models_in(annotation: Any) -> list[type[BaseModel]]:
     return []
 
 
+def first_difference(theirs: dict[str, Any], ours: dict[str, Any], above: str = "") -> str:
+    """The first value that is another, in words; empty where there is none."""
+    for key in [*ours, *(theirs.keys() - ours.keys())]:
+        one, other = theirs.get(key), ours.get(key)
+        if isinstance(one, dict) and isinstance(other, dict):
+            if deeper := first_difference(one, other, f"{above}{key}."):
+                return deeper
+        elif one != other:
+            return f"{above}{key} {one}, and these have {other}"
+    return ""
+
+
 def json_schema(model: type[Settings], title: str) -> dict[str, Any]:
     """The JSON Schema of a file that is read into a model: keys, types and ranges. What the model checks beyond them is
     reported when the file is read."""

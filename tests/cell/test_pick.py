@@ -78,14 +78,108 @@ def test_the_script_picks_an_apple_and_is_paid_for_it(kwargs: dict[str, Any]) ->
     assert earned > 50.0
 
 
-def test_its_specification_says_how_long_an_episode_is_and_it_has_no_state_to_save() -> None:
+def test_its_specification_says_how_long_an_episode_is() -> None:
     env = gymnasium.make("AllegroTwin/ArmPick-v0")
     assert env.spec is not None
     assert env.spec.max_episode_steps == env.unwrapped.episodes.limit  # type: ignore[attr-defined]
-    with pytest.raises(ConfigError, match="ArmPick has no state to save"):
-        env.unwrapped.save_state()  # type: ignore[attr-defined]
-    with pytest.raises(ConfigError, match="ArmPick has no state to save"):
-        env.unwrapped.restore_state({})  # type: ignore[attr-defined]
+
+
+TWO = ("apple", "tennis_ball")
+STATES: list[dict[str, Any]] = [
+    {"camera_shift": 0.005, "camera_turn": 0.1, "camera_delay": 2},
+    {"control": "grasp", "perception": True},
+    {"hand": "leap"},
+]
+
+
+def played(env: ArmPick, steps: int) -> np.ndarray[Any, Any]:
+    """All that random actions return, with the episodes that begin in between."""
+    draws, found = np.random.default_rng(steps), []
+    for _ in range(steps):
+        observation, *rest, info = env.step(draws.uniform(-0.5, 0.5, env.action_space.shape).astype(np.float32))
+        found.append(np.concatenate([observation, np.array([*rest, info["rise"], info["is_success"]])]))
+        if rest[1] or rest[2]:
+            observation, info = env.reset()
+            found.append(np.concatenate([observation, [*info["at"], info["yaw"], info["error"]]]))
+    return np.concatenate(found)
+
+
+@pytest.mark.parametrize("kwargs", STATES)
+def test_an_episode_goes_on_from_a_saved_state_to_the_bit_and_so_do_those_after_it(kwargs: dict[str, Any]) -> None:
+    env, fresh, other = (ArmPick(objects=TWO, seconds=1.6, **kwargs) for _ in range(3))
+    for each, seed in ((other, 8), (env, 3)):
+        each.reset(seed=seed)
+        for _ in range(25):
+            before = each.step(np.full(len(each.action_space.sample()), 0.1, np.float32))[0]
+    state = env.save_state()
+    first = played(env, 30)
+    for again, saved in ((env, state), (fresh, pickle.loads(pickle.dumps(state))), (other, state)):
+        np.testing.assert_array_equal(again.restore_state(saved), before)
+        np.testing.assert_array_equal(played(again, 30), first)
+
+
+def test_a_picture_of_a_restored_state_is_the_picture_of_then() -> None:
+    env = apple(render_mode="rgb_array", width=64, height=48)
+    env.reset(seed=3)
+    for _ in range(10):
+        env.step(np.full(22, 0.3, np.float32))
+    state, picture = env.save_state(), env.render()
+    played(env, 15)
+    env.restore_state(state)
+    np.testing.assert_array_equal(env.render(), picture)
+
+
+def test_an_episode_that_is_over_is_over_when_it_is_restored() -> None:
+    env, fresh = apple(seconds=0.2), apple(seconds=0.2)
+    env.reset(seed=1)
+    played(env, env.episodes.limit - 1)
+    env.step(np.zeros(22, np.float32))
+    fresh.restore_state(env.save_state())
+    with pytest.raises(CommandError, match="no episode is going on"):
+        fresh.step(np.zeros(22, np.float32))
+
+
+def test_a_grasp_is_held_on_from_a_saved_state() -> None:
+    env = apple()
+    env.reset(seed=1)
+    script = ScriptedPick(env)
+    info: dict[str, Any] = {"rise": 0.0}
+    while info["rise"] < 0.105:  # So a part of the second has passed.
+        *_, info = env.step(script())
+    state, fresh = env.save_state(), apple()
+    action = np.zeros(22, np.float32)
+    action[2] = 0.4
+    fresh.restore_state(state)
+    for _ in range(60):
+        assert data_equivalence(env.step(action), fresh.step(action), exact=True)
+    assert fresh.episodes.moved()[0] > 0.15
+
+
+def test_what_is_no_state_of_its_settings_is_refused_and_changes_nothing() -> None:
+    env, other = apple(), apple(friction=0.5)
+    with pytest.raises(CommandError, match="no episode has begun: reset before save_state"):
+        env.save_state()
+    for each in (env, other):
+        each.reset(seed=1)
+    state, before = env.save_state(), other.save_state().episode.scene.world.physics
+    with pytest.raises(
+        ConfigError, match=r"of environments with friction 0\.8, and these have 0\.5: make them with the"
+    ):
+        other.restore_state(state)
+    with pytest.raises(ConfigError, match="restore_state takes what ArmPick's save_state has returned, not dict"):
+        other.restore_state({})  # type: ignore[arg-type]
+    np.testing.assert_array_equal(other.save_state().episode.scene.world.physics, before)
+
+
+def test_many_side_by_side_are_saved_each_by_itself() -> None:
+    envs = gymnasium.make_vec("AllegroTwin/ArmPick-v0", 2, objects=("apple",))
+    envs.reset(seed=4)
+    states = envs.call("save_state")  # type: ignore[attr-defined]
+    action = np.full((2, 22), 0.2, np.float32)
+    first = [envs.step(action)[0] for _ in range(4)]
+    for each, state in zip(envs.envs, states, strict=True):  # type: ignore[attr-defined]
+        each.unwrapped.restore_state(state)
+    np.testing.assert_array_equal([envs.step(action)[0] for _ in range(4)], first)
 
 
 def test_nothing_earns_little_and_picks_nothing() -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, NoReturn
+from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -12,10 +13,10 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
-from allegro_twin.cell.pick.episode import Episodes
+from allegro_twin.cell.pick.episode import Episodes, PickState
 from allegro_twin.cell.pick.settings import PickOptions, PickSettings
 from allegro_twin.errors import CommandError, ConfigError, HandFault
-from allegro_twin.files.schema import parse_settings
+from allegro_twin.files.schema import first_difference, parse_settings
 from allegro_twin.kinematics.arm import rotation_between
 from allegro_twin.types import Array, Vector
 from allegro_twin.viewing.camera import Camera
@@ -31,6 +32,20 @@ _LONG = 1.0
 _LOST = 0.2
 """m. A thing that was shoved so far, or fell as far below the table, is lost."""
 _VIEW = View(azimuth=125.0, elevation=-25.0, distance=1.35)
+
+
+class ArmPickState(NamedTuple):
+    """A saved state of the environment."""
+
+    keywords: dict[str, Any]
+    """Its settings."""
+    episode: PickState
+    over: bool
+    high: float
+    generator: Mapping[str, Any]
+    """State of the random numbers."""
+    seed: int
+    """As Gymnasium reports it; -1: unknown."""
 
 
 class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
@@ -55,7 +70,7 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
         joints = 1 if self.settings.control == "grasp" else self.episodes.spec.n_joints
         self.action_space = spaces.Box(-1.0, 1.0, (6 + joints,), np.float32)
         self.observation_space = spaces.Box(-BOUND, BOUND, (self.episodes.numbers,), np.float32)
-        self._over = True
+        self._begun, self._over, self._high = False, True, 0.0
         self._spec: EnvSpec | None = None
 
     @property
@@ -69,25 +84,36 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
             spec = replace(spec, max_episode_steps=self.episodes.limit)
         self._spec = spec
 
-    def save_state(self) -> NoReturn:
-        """Raises ConfigError: the hand's own tasks have states to save."""
-        raise ConfigError("ArmPick has no state to save: begin its episode again with reset(seed=…)")
+    def save_state(self) -> ArmPickState:
+        """All that decides how the episode goes on, random numbers included: plain arrays and numbers, which pickle.
+        Raises CommandError where none has begun."""
+        if not self._begun:
+            raise CommandError("no episode has begun: reset before save_state")
+        keywords, draws = self.settings.model_dump(mode="json"), self.np_random.bit_generator.state
+        return ArmPickState(keywords, self.episodes.save(), self._over, self._high, draws, self.np_random_seed)
 
-    def restore_state(self, state: object) -> NoReturn:
-        """Raises ConfigError, likewise."""
-        self.save_state()
+    def restore_state(self, state: ArmPickState) -> Floats:
+        """Go on from a `save_state` of an environment with the same keywords, to the bit. Returns the observation that
+        it had. Raises ConfigError for another, and then nothing has changed."""
+        if not isinstance(state, ArmPickState):
+            raise ConfigError(f"restore_state takes what ArmPick's save_state has returned, not {type(state).__name__}")
+        if difference := first_difference(state.keywords, self.settings.model_dump(mode="json")):
+            raise ConfigError(f"the state is of environments with {difference}: make them with the same keywords")
+        self._close_camera()
+        self.np_random.bit_generator.state, self._np_random_seed = state.generator, state.seed
+        self.episodes.restore(state.episode, self.np_random)
+        self._begun, self._over, self._high = True, state.over, state.high
+        return self._seen()
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
         asked = parse_settings(PickOptions, options or {}, "options")
         now = self.episodes
         now.check(asked)
         super().reset(seed=seed)
-        self._over = True  # A search that finds no beginning leaves the scene where it looked last.
-        if self._camera is not None:
-            self._camera.close()
-            self._camera = None
+        self._begun, self._over = False, True  # A search that finds no beginning leaves the scene where it looked last.
+        self._close_camera()
         now.begin(self.np_random, asked)
-        self._over, self._high = False, 0.0
+        self._begun, self._over, self._high = True, False, 0.0
         info = {"object": now.scene.name, "at": now.at.tolist(), "yaw": now.yaw, "error": now.error}
         return self._seen(), info
 
@@ -124,10 +150,14 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
         return self._camera.take()
 
     def close(self) -> None:
+        self._close_camera()
+        self.episodes.close()
+
+    def _close_camera(self) -> None:
+        """The next picture is of the scene of then."""
         if self._camera is not None:
             self._camera.close()
             self._camera = None
-        self.episodes.close()
 
     def _terms(self, action: Vector) -> dict[str, float]:
         """What the reward is made of."""

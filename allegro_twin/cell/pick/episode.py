@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from allegro_twin.cell.assembly import waiting_pose
 from allegro_twin.cell.camera.camera import DepthCamera
 from allegro_twin.cell.perception.pipeline import Detection, PerceptionPipeline
-from allegro_twin.cell.pick.scene import PickScene
+from allegro_twin.cell.pick.scene import PickScene, SceneState
 from allegro_twin.cell.pick.settings import PickOptions, PickSettings
 from allegro_twin.cell.planning.reachability import GraspPlan, plain_grasps
 from allegro_twin.cell.planning.stored_grasps import (
@@ -31,7 +32,7 @@ from allegro_twin.kinematics.pose import Pose
 from allegro_twin.sim.contact.contacts import STILL
 from allegro_twin.sim.contact.obstacle_clearance import TableObject
 from allegro_twin.sim.objects.catalogue import object_catalogue
-from allegro_twin.types import Vector
+from allegro_twin.types import Array, Vector
 
 _ROUND = ("sphere", "cylinder")
 
@@ -48,6 +49,22 @@ def detected_object(scene: PickScene, camera: DepthCamera, pipeline: PerceptionP
     return _plain(table_object(seen.solid)) if isinstance(seen, Detection) else None
 
 
+class PickState(NamedTuple):
+    """State that decides how an episode goes on."""
+
+    object: str
+    scene: SceneState
+    candidate: GraspCandidate
+    body: TableObject
+    at: Vector
+    yaw: float
+    error: float
+    first: Vector
+    track: tuple[Array, Pose, tuple[Pose, ...]]
+    decisions: int
+    closed: float
+
+
 class ObjectTracker:
     """The thing's frame over an episode: x along its longer level extent and z up while it stands, carried along."""
 
@@ -58,6 +75,15 @@ class ObjectTracker:
         self._own = there.rotation.T @ self.pose.rotation
         self._noise = (settings.camera_shift, settings.camera_turn)
         self._past = deque([self.pose], maxlen=settings.camera_delay + 1)
+
+    def save(self) -> tuple[Array, Pose, tuple[Pose, ...]]:
+        """Copy of the state that decides how it goes on."""
+        return self._own, self.pose, tuple(self._past)
+
+    def restore(self, state: tuple[Array, Pose, tuple[Pose, ...]]) -> None:
+        """Go on from what `save` returned."""
+        self._own, self.pose, past = state
+        self._past = deque(past, self._past.maxlen)
 
     def update(self, draws: np.random.Generator) -> None:
         """A decision comes: what is known now."""
@@ -103,6 +129,8 @@ class Episodes:
         self._pipeline = PerceptionPipeline(self._lab.perception) if settings.perception else None
         self._wait: Vector | None = None
         self.count, self.closed = 0, 0.0
+        self.candidate: GraspCandidate
+        self.grasp: Grasp
         self.scene = self._of(settings.objects[0])
         self.numbers = 2 * self.scene.robot.spec.n_joints + 3 * self.spec.n_joints + _OTHERS
         """In an observation."""
@@ -153,6 +181,23 @@ class Episodes:
             self.scene.pass_time()
         self.track.update(self._draws)
 
+    def save(self) -> PickState:
+        """State of the episode that is going on."""
+        return PickState(
+            self.scene.name, self.scene.save(), self.candidate, self.body, self.at, self.yaw, self.error, self._first,
+            self.track.save(), self.count, self.closed,
+        )  # fmt: skip
+
+    def restore(self, state: PickState, draws: np.random.Generator) -> None:
+        """Go on, to the bit, from a state of the same settings; what is drawn comes from `draws`."""
+        self.scene, self._draws = self._of(state.object), draws
+        self.scene.restore(state.scene)
+        self.candidate, self.grasp, self.body = state.candidate, state.candidate.card.grasp, state.body
+        self.at, self.yaw, self.error, self._first = state.at, state.yaw, state.error, state.first
+        self.track = ObjectTracker(self.scene, self.body)
+        self.track.restore(state.track)
+        self.count, self.closed = state.decisions, state.closed
+
     def moved(self) -> tuple[float, float]:
         """How much higher the thing is than it was, and how far along the table, m."""
         way = self.scene.there.position - self._first
@@ -189,8 +234,7 @@ class Episodes:
                 break
         if why:
             raise ConfigError(why)
-        self.candidate: GraspCandidate = one.candidate
-        self.grasp: Grasp = self.candidate.card.grasp
+        self.candidate, self.grasp = one.candidate, one.candidate.card.grasp
         scene.begin()
         self.body, self.at, self.yaw = body, at, yaw
         self.error = float(np.linalg.norm(body.position - scene.there.position))

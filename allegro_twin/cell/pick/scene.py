@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from allegro_twin.cell.arm.arm_with_hand import ArmWithHand, make_arm_with_hand
@@ -15,7 +17,10 @@ from allegro_twin.control.trajectory import SetPoint
 from allegro_twin.kinematics.arm import rotate, rotation_between
 from allegro_twin.kinematics.hand import HandKinematics
 from allegro_twin.kinematics.pose import Pose
+from allegro_twin.safety import GuardMemory
 from allegro_twin.sim.contact.contacts import Obstruction, find_contacts, obstructions
+from allegro_twin.sim.engine.backend import DeviceState
+from allegro_twin.sim.engine.world import WorldState
 from allegro_twin.sim.objects.catalogue import PlacedObject, load_object, standing_orientation
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, Vector
@@ -27,12 +32,36 @@ _LOWER, _UPPER = np.array([-0.35, -0.4, 0.02]), np.array([0.3, 0.4, 0.6])
 _AIR = 1e-4  # m. So that a thing settles instead of being pushed out of the table.
 
 
+class SceneState(NamedTuple):
+    """State that decides how a scene goes on."""
+
+    world: WorldState
+    devices: tuple[DeviceState, DeviceState]
+    """The arm's and the hand's."""
+    guards: tuple[GuardMemory, GuardMemory]
+    """The arm's and the hand's."""
+    arm: HandState
+    hand: HandState
+    path: tuple[Vector, Vector, float]
+    aim: Pose
+    hanging: ImpedanceState
+    followed_since: float
+
+
 class LinearPath:
     """A path that goes from goal to goal in straight lines, one a decision."""
 
     def __init__(self, position: Vector, seconds: float) -> None:
         self.goal, self._seconds = position, seconds
         self._before, self._begin = position, 0.0
+
+    def save(self) -> tuple[Vector, Vector, float]:
+        """Copy of the state that decides how it goes on."""
+        return self.goal, self._before, self._begin
+
+    def restore(self, state: tuple[Vector, Vector, float]) -> None:
+        """Go on from what `save` returned."""
+        self.goal, self._before, self._begin = state
 
     def head_for(self, t: float, goal: Vector) -> None:
         """From `t` on, s, to a posture, (n,), rad, which it reaches at the next decision."""
@@ -81,6 +110,29 @@ class PickScene:
         self._grip = finger_controller(SteeredReference(self.path), settings.gains, self.spec, self._hand_model)
         self._hanging: ImpedanceState = self._law.start(self.arm)
         self._following: ReferenceMemory = self._grip.start(self.hand)
+
+    def save(self) -> SceneState:
+        """State of now."""
+        robot = self.robot
+        devices, guards = (robot.arm_sim.save(), robot.hand_sim.save()), (robot.arm.save(), robot.hand.save())
+        return SceneState(
+            robot.world.save(), devices, guards, self.arm, self.hand, self.path.save(), self.aim, self._hanging,
+            self._following.began,
+        )  # fmt: skip
+
+    def restore(self, state: SceneState) -> None:
+        """Go on, to the bit, from a state of a scene with the same settings and object."""
+        robot = self.robot
+        robot.world.restore(state.world)
+        for device, kept in zip((robot.arm_sim, robot.hand_sim), state.devices, strict=True):
+            device.restore(kept)
+        for guard, memory in zip((robot.arm, robot.hand), state.guards, strict=True):
+            guard.restore(memory)
+        self.arm, self.hand = state.arm, state.hand
+        self.begin()
+        self.path.restore(state.path)
+        self.aim, self._hanging = state.aim, state.hanging
+        self._following = self._following._replace(began=state.followed_since)
 
     @property
     def palm(self) -> Pose:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.files.schema import first_difference
 from allegro_twin.learning.environments.engine import EpisodeEngine
 from allegro_twin.learning.tasks.task_memory import release, restore_task, save_task
 
@@ -61,7 +62,7 @@ def restore_episode(env: Environment, state: EpisodeState, begin: Callable[[], o
     if not isinstance(state, EpisodeState):
         raise ConfigError(f"restore_state takes what save_state has returned, not {type(state).__name__}")
     engine: EpisodeEngine = env.engine
-    difference = _difference(state.keywords, _keywords(engine, keywords))
+    difference = first_difference(state.keywords, _keywords(engine, keywords))
     if difference:
         raise ConfigError(f"the state is of environments with {difference}: make them with the same keywords")
     _add_objects(engine, state.added)
@@ -74,18 +75,6 @@ def restore_episode(env: Environment, state: EpisodeState, begin: Callable[[], o
 def _keywords(engine: EpisodeEngine, more: dict[str, Any]) -> dict[str, Any]:
     """All keywords that decide episodes, with their values."""
     return {"task": engine.task.name, "num_envs": engine.n} | engine.settings.model_dump(mode="json") | more
-
-
-def _difference(theirs: dict[str, Any], ours: dict[str, Any], above: str = "") -> str:
-    """The first value that is another, in words; empty where there is none."""
-    for key in [*ours, *(theirs.keys() - ours.keys())]:
-        one, other = theirs.get(key), ours.get(key)
-        if isinstance(one, dict) and isinstance(other, dict):
-            if deeper := _difference(one, other, f"{above}{key}."):
-                return deeper
-        elif one != other:
-            return f"{above}{key} {one}, and these have {other}"
-    return ""
 
 
 def _add_objects(engine: EpisodeEngine, added: list[tuple[Any, str | None]]) -> None:

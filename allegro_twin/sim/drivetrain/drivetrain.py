@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -109,6 +110,19 @@ class Drivetrain:
         self._noise = np.random.default_rng(self._drive.seed)
         self._coming: deque[tuple[int, Vector]] = deque()
         self._step = 0
+
+    def save(self) -> tuple[Any, ...]:
+        """Copy of the state that decides how it goes on: time, commands on their way, noise, and what went wrong."""
+        wrong = self._dry, self._share.copy(), self._moved.copy(), self._drift.copy()
+        return self._step, tuple(self._coming), self._noise.bit_generator.state, *wrong
+
+    def restore(self, state: tuple[Any, ...]) -> None:
+        """Go on from what `save` returned."""
+        self._step, coming, self._noise.bit_generator.state, self._dry, *wrong = state
+        self._coming = deque(coming)
+        for kept, saved in zip((self._share, self._moved, self._drift), wrong, strict=True):
+            kept[:] = saved
+        self._rub(self._dry)
 
     def command(self, torque: Vector) -> None:
         """A torque (n,), N·m, set out."""

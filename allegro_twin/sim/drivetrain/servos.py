@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import mujoco
 import numpy as np
@@ -56,9 +56,20 @@ class Servos:
 
     def copy(self, rows: Rows, of: Rows) -> bool:
         """Make some what others are, (rows,) each. Whether a model has changed."""
-        for kept in (self._wish, self._from, self._ticks, self._passed):
+        for kept in self._memory():
             kept[rows] = kept[of]
         return self._let(rows, self._share[of])
+
+    def save(self) -> tuple[Any, ...]:
+        """Copy of the state that decides how they go on."""
+        return tuple(kept.copy() for kept in (*self._memory(), self._share))
+
+    def restore(self, state: tuple[Any, ...]) -> None:
+        """Go on from what `save` returned."""
+        *memory, share = state
+        for kept, saved in zip(self._memory(), memory, strict=True):
+            kept[:] = saved
+        self._let(np.arange(len(self._models)), share)
 
     def commands(self, rows: Rows) -> Array:
         """Before a period: what they are told so that they are where they should be at its end, (rows, n)."""
@@ -73,6 +84,10 @@ class Servos:
         self._let(rows, np.ones_like(now))
         yield
         self._let(rows, now)
+
+    def _memory(self) -> tuple[NDArray[Any], ...]:
+        """Live arrays, a row each: all but the share of the force."""
+        return self._wish, self._from, self._ticks, self._passed
 
     def _now(self, rows: Rows) -> Array:
         """Where the way of a timed command has led; its end for any other."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import mujoco
 import numpy as np
@@ -39,6 +39,16 @@ class Push(NamedTuple):
     body: str
     force: Array
     """On its centre of mass in every control period from the reset on, (k, 3), N, world; nothing after the last."""
+
+
+class DeviceState(NamedTuple):
+    """State of a device besides the physics."""
+
+    posture: Vector
+    """At reset, (n,), rad."""
+    tick: int
+    parts: tuple[Any, ...]
+    """States of its servos, its drive and its hold; None for one that it has not."""
 
 
 class SimBackend:
@@ -150,6 +160,20 @@ class SimBackend:
             self._holding.reset()
         self.mouse.reset()
         self._tick = 0
+
+    def save(self) -> DeviceState:
+        """Its state besides the physics; what pushes and drives the scene, and the mouse, are no part of it."""
+        parts = (self._servos, self._train, self._holding)
+        return DeviceState(self._posture, self._tick, tuple(None if part is None else part.save() for part in parts))
+
+    def restore(self, state: DeviceState) -> None:
+        """Go on from what `save` returned, after the world has been restored."""
+        self._posture, self._tick, parts = state
+        self._session = self.world.session
+        for part, kept in zip((self._servos, self._train, self._holding), parts, strict=True):
+            if part is not None:
+                part.restore(kept)
+        self.mouse.reset()
 
     def write(self, command: Command) -> None:
         self._present()
@@ -300,6 +324,14 @@ class ArmHold:
     def reset(self) -> None:
         """Nobody has commanded it yet."""
         self._missed, self._at = self._patience, None
+
+    def save(self) -> tuple[int, Vector | None]:
+        """Copy of the state that decides how it goes on."""
+        return self._missed, self._at
+
+    def restore(self, state: tuple[int, Vector | None]) -> None:
+        """Go on from what `save` returned."""
+        self._missed, self._at = state
 
     def heard(self) -> None:
         """A command came."""

@@ -4,10 +4,29 @@ from __future__ import annotations
 
 import hashlib
 import weakref
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import mujoco
 import numpy as np
+
+from allegro_twin.types import Array, Vector
+
+_PHYSICS = mujoco.mjtState.mjSTATE_INTEGRATION
+_DERIVED = (
+    "xpos", "xquat", "xmat", "geom_xpos", "geom_xmat", "site_xpos", "site_xmat", "cam_xpos", "cam_xmat", "light_xpos",
+    "light_xdir", "actuator_force", "sensordata",
+)  # fmt: skip
+"""Quantities that the last step left to read and to draw, of the moment before that step."""
+
+
+class WorldState(NamedTuple):
+    """State that decides how a world goes on, besides its members' own: plain arrays and numbers."""
+
+    physics: Vector
+    """MuJoCo's own, of integration."""
+    derived: dict[str, Array]
+    """By the names of MjData."""
+    steps: int
 
 
 class Member(Protocol):
@@ -62,6 +81,21 @@ class World:
         self.steps, self.session = 0, self.session + 1
         for member in self._members:
             member.lay()
+
+    def save(self) -> WorldState:
+        """State of now; a person's pull with the mouse is no part of it."""
+        physics = np.empty(mujoco.mj_stateSize(self.model, _PHYSICS))
+        mujoco.mj_getState(self.model, self.data, physics, _PHYSICS)
+        derived = {name: getattr(self.data, name).copy() for name in _DERIVED}
+        return WorldState(physics, derived, self.steps)
+
+    def restore(self, state: WorldState) -> None:
+        """Go on, to the bit, from a state of a world of the same model, whether or not it has begun. Its members are
+        restored next, each from its own."""
+        mujoco.mj_setState(self.model, self.data, state.physics, _PHYSICS)
+        for name, values in state.derived.items():
+            getattr(self.data, name)[:] = values
+        self.steps, self.session = state.steps, self.session + 1
 
     def advance(self, until: int) -> None:
         """Let steps pass until there are so many. Members hear of each of their periods as it begins."""
