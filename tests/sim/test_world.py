@@ -94,7 +94,7 @@ def played(sim: SimBackend, periods: int) -> list[bytes]:
     for k in range(periods):
         if "torque" in sim.spec.commands:
             sim.write(TorqueCommand(draws.uniform(-0.3, 0.3, n)))
-        elif k % 5 == 0:
+        elif k % 5 == 2:  # What was commanded before goes on for a while.
             aim = sim.posture + draws.uniform(-0.3, 0.3, n)
             timed = "timed_position" in sim.spec.commands
             effort = draws.uniform(0.1, 0.3, n)
