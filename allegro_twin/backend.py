@@ -95,3 +95,39 @@ def limp_of(spec: HandSpec) -> Command:
 def _as_many(values: Vector, spec: HandSpec) -> None:
     if values.shape[0] != spec.n_actuators:
         raise CommandError(f"{spec.name} has {spec.n_actuators} actuators; the command has {values.shape[0]}")
+
+
+class PassThroughBackend:
+    """A backend in front of another, which passes everything on; what it changes, a subclass says."""
+
+    def __init__(self, inner: HandBackend) -> None:
+        self._inner = inner
+
+    @property
+    def in_front_of(self) -> HandBackend:
+        """The backend behind this one."""
+        return self._inner
+
+    @property
+    def spec(self) -> HandSpec:
+        return self._inner.spec
+
+    @property
+    def period(self) -> float:
+        return self._inner.period
+
+    def reset(self) -> HandState:
+        return self._inner.reset()
+
+    def write(self, command: Command) -> None:
+        self._inner.write(command)
+
+    def read(self) -> HandState:
+        return self._inner.read()
+
+    def recover(self) -> HandState:
+        """As of the backend behind. Raises HandFault where only a reset leads out of a fault."""
+        return recover(self._inner)
+
+    def close(self) -> None:
+        self._inner.close()

@@ -16,7 +16,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
 from allegro_twin._lazy import entry_points_of
-from allegro_twin.backend import HandBackend, recover
+from allegro_twin.backend import HandBackend, PassThroughBackend
 from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError, HandError, HandFault, unknown
 from allegro_twin.files.first_error import message_of
@@ -149,7 +149,7 @@ def _told_in_one_line(source: Any, call: str) -> Iterator[None]:
         ) from error
 
 
-class PluginBackend:
+class PluginBackend(PassThroughBackend):
     """A backend of an installed package, of which every error is a HandError in one line.
 
     What it raises besides, and a state that is none of its hand, is a HandFault that names its class, the call and the
@@ -157,7 +157,8 @@ class PluginBackend:
     """
 
     def __init__(self, backend: HandBackend, kind: str) -> None:
-        self.in_front_of, self._kind = backend, kind
+        super().__init__(backend)
+        self._kind = kind
 
     @classmethod
     def open(cls, kind: BackendKind[S], settings: S, context: BackendContext, name: str) -> HandBackend:
@@ -167,39 +168,30 @@ class PluginBackend:
             backend = opener(settings, context)
         return backend if type(backend).__module__.startswith("allegro_twin.") else cls(backend, name)
 
-    @property
-    def spec(self) -> HandSpec:
-        return self.in_front_of.spec
-
-    @property
-    def period(self) -> float:
-        return self.in_front_of.period
-
     def reset(self) -> HandState:
         with self._call("reset"):
-            state = self.in_front_of.reset()
+            state = super().reset()
         return self._checked(state, "reset")
 
     def write(self, command: Command) -> None:
         with self._call("write"):
-            self.in_front_of.write(command)
+            super().write(command)
 
     def read(self) -> HandState:
         with self._call("read"):
-            state = self.in_front_of.read()
+            state = super().read()
         return self._checked(state, "read")
 
     def recover(self) -> HandState:
-        """Go on after a fault, where the backend can. Raises HandFault where only a reset leads out."""
         with self._call("recover"):
-            state = recover(self.in_front_of)
+            state = super().recover()
         return self._checked(state, "recover")
 
     def close(self) -> None:
         coming = sys.exc_info()[1]
         try:
             with self._call("close"):
-                self.in_front_of.close()
+                super().close()
         except HandError as error:
             if not isinstance(coming, Exception):
                 raise
@@ -207,7 +199,7 @@ class PluginBackend:
                 coming.add_note(str(error))
 
     def _call(self, method: str) -> AbstractContextManager[None]:
-        backend = type(self.in_front_of)
+        backend = type(self._inner)
         return _told_in_one_line(backend, f"backend {self._kind}: {backend.__qualname__}.{method}")
 
     def _checked(self, state: HandState, method: str) -> HandState:
@@ -226,10 +218,10 @@ class PluginBackend:
                     break
         if not wrong:
             return state
-        code = getattr(getattr(type(self.in_front_of), method, None), "__code__", None)
+        code = getattr(getattr(type(self._inner), method, None), "__code__", None)
         place = "" if code is None else f" ({code.co_filename}:{code.co_firstlineno})"
         raise HandFault(
-            f"backend {self._kind}: {type(self.in_front_of).__qualname__}.{method} returns {wrong}{place}; "
+            f"backend {self._kind}: {type(self._inner).__qualname__}.{method} returns {wrong}{place}; "
             "`allegro-twin check-backend` tries every rule"
         )
 

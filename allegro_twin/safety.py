@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.backend import HandBackend, limp_of, position_of, recover, torque_of
+from allegro_twin.backend import HandBackend, PassThroughBackend, limp_of, position_of, torque_of
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkTimeout, TooFast
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, PositionCommand, Sample, TorqueCommand, Vector
@@ -148,7 +148,7 @@ class GuardMemory(NamedTuple):
     """Since `reset`."""
 
 
-class Guard:
+class Guard(PassThroughBackend):
     """Limits and trips. A fault leaves the hand limp until `reset`; every HandError carries the last samples.
 
     A state that is no newer than the one before is passed over; a hand that tells no new time for SILENCE, or PERIODS,
@@ -158,7 +158,8 @@ class Guard:
     """
 
     def __init__(self, inner: HandBackend, limits: Limits, path_check: PathCheck | None = None) -> None:
-        self._inner, self._limits, self._path_check = inner, limits, path_check
+        super().__init__(inner)
+        self._limits, self._path_check = limits, path_check
         self._history: deque[Sample] = deque(maxlen=HISTORY)
         self._limp = limp_of(inner.spec)
         self._state: HandState | None = None
@@ -167,22 +168,9 @@ class Guard:
         """States since `reset`."""
 
     @property
-    def spec(self) -> HandSpec:
-        return self._inner.spec
-
-    @property
-    def period(self) -> float:
-        return self._inner.period
-
-    @property
     def limits(self) -> Limits:
         """What this guard lets through."""
         return self._limits
-
-    @property
-    def in_front_of(self) -> HandBackend:
-        """The backend behind this guard."""
-        return self._inner
 
     @property
     def applied(self) -> Command:
@@ -232,13 +220,10 @@ class Guard:
         """Go on after a fault in the same session, where the backend can; torques begin anew from nothing.
 
         Raises HandFault where only a reset leads out."""
-        self._state = state = recover(self._inner)
+        self._state = state = super().recover()
         self._fault, self._count = None, self._count + 1
         self._history.append(Sample(state, self._limp))
         return state
-
-    def close(self) -> None:
-        self._inner.close()
 
     def _newer(self, state: HandState, before: HandState) -> HandState:
         """The first state that is newer than the one before, of a hand that has just told the same time again. Raises

@@ -29,8 +29,8 @@ from typing import Any, get_args
 
 import numpy as np
 
-from allegro_twin.backend import HandBackend
-from allegro_twin.cell.arm.faults import DisturbedBackend, PassThroughBackend
+from allegro_twin.backend import HandBackend, PassThroughBackend
+from allegro_twin.cell.arm.faults import DisturbedBackend
 from allegro_twin.cell.assembly import Cell, make_cell, with_objects
 from allegro_twin.cell.camera.camera import DepthCamera
 from allegro_twin.cell.planning.stored_grasps import stored_grasps

@@ -15,8 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.backend import torque_of
-from allegro_twin.cell.arm.faults import PassThroughBackend
+from allegro_twin.backend import PassThroughBackend, torque_of
 from allegro_twin.control.controllers import PD
 from allegro_twin.drivers.can.driver.velocity_filter import VelocityFilter
 from allegro_twin.hands.description.specs import load_spec

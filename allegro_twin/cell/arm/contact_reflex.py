@@ -24,8 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from allegro_twin.backend import limp_of
-from allegro_twin.cell.arm.faults import PassThroughBackend
+from allegro_twin.backend import PassThroughBackend, limp_of
 from allegro_twin.errors import ArmReflex, ConfigError
 from allegro_twin.files.schema import Positive, Settings
 from allegro_twin.kinematics.arm import ArmModel

@@ -6,46 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from allegro_twin.backend import HandBackend, recover
+from allegro_twin.backend import HandBackend, PassThroughBackend
 from allegro_twin.errors import LinkTimeout
-from allegro_twin.spec import HandSpec
-from allegro_twin.types import Command, HandState, Vector, frozen
-
-
-class PassThroughBackend:
-    """A backend that passes everything on."""
-
-    def __init__(self, inner: HandBackend) -> None:
-        self._inner = inner
-
-    @property
-    def in_front_of(self) -> HandBackend:
-        """The backend behind this one."""
-        return self._inner
-
-    @property
-    def spec(self) -> HandSpec:
-        return self._inner.spec
-
-    @property
-    def period(self) -> float:
-        return self._inner.period
-
-    def reset(self) -> HandState:
-        return self._inner.reset()
-
-    def write(self, command: Command) -> None:
-        self._inner.write(command)
-
-    def read(self) -> HandState:
-        return self._inner.read()
-
-    def recover(self) -> HandState:
-        """As of the backend behind. Raises HandFault where only a reset leads out of a fault."""
-        return recover(self._inner)
-
-    def close(self) -> None:
-        self._inner.close()
+from allegro_twin.types import HandState, Vector, frozen
 
 
 class SilentBackend(PassThroughBackend):

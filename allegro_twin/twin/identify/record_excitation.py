@@ -11,7 +11,7 @@ import numpy as np
 
 from allegro_twin.app.config import RunConfig
 from allegro_twin.app.rig import Physics, Rig, assemble
-from allegro_twin.backend import HandBackend
+from allegro_twin.backend import HandBackend, PassThroughBackend
 from allegro_twin.drivers.can.config import VIRTUAL, CanSettings
 from allegro_twin.drivers.dynamixel.config import DynamixelSettings
 from allegro_twin.drivers.polled.config import PolledSettings
@@ -22,11 +22,10 @@ from allegro_twin.plugins import BACKENDS
 from allegro_twin.recording.reader import Recording, load
 from allegro_twin.recording.recorder import record
 from allegro_twin.sim.settings import SimSettings
-from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.motions.excitation import APPROACH, Excitation, ExcitationPose, find_pose, rehearse
 from allegro_twin.twin.identify.motions.following import unfollowed_joints
 from allegro_twin.twin.identify.motions.motion import recorded_calibration
-from allegro_twin.types import Command, HandState, Sample, frozen
+from allegro_twin.types import HandState, Sample, frozen
 from allegro_twin.version import __version__
 
 SHORTEST = 4.0  # s. Less is not worth an approach.
@@ -185,31 +184,21 @@ def _check_pose(samples: Iterator[Sample], hand_pose: ExcitationPose) -> Iterato
         yield sample
 
 
-class PosedHand:
+class PosedHand(PassThroughBackend):
     """A hand in a pose, which has the gravity of that pose where it reports none."""
 
     def __init__(self, backend: HandBackend, hand_pose: ExcitationPose) -> None:
-        self.in_front_of, self._gravity = backend, frozen(hand_pose.gravity)
-
-    @property
-    def spec(self) -> HandSpec:
-        return self.in_front_of.spec
-
-    @property
-    def period(self) -> float:
-        return self.in_front_of.period
+        super().__init__(backend)
+        self._gravity = frozen(hand_pose.gravity)
 
     def reset(self) -> HandState:
-        return self._known(self.in_front_of.reset())
-
-    def write(self, command: Command) -> None:
-        self.in_front_of.write(command)
+        return self._known(super().reset())
 
     def read(self) -> HandState:
-        return self._known(self.in_front_of.read())
+        return self._known(super().read())
 
-    def close(self) -> None:
-        self.in_front_of.close()
+    def recover(self) -> HandState:
+        return self._known(super().recover())
 
     def _known(self, state: HandState) -> HandState:
         return state if np.isfinite(state.gravity).all() else replace(state, gravity=self._gravity)
