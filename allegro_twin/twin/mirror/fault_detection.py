@@ -474,7 +474,7 @@ class FaultDetector:
         waited = int(self._count - self._sign[odd].min())
         window = self._last(min(max(SOONEST, waited), LONGEST))
         fit = fit_supply(window)
-        if self._closes_on_object(window) or fit.amount < LEAST["weak"]:
+        if holds_object(window) or self._closes_on_object(window) or fit.amount < LEAST["weak"]:
             return False
         if not fit.convinces(float(self._quiet.sum())):
             return False
@@ -509,8 +509,8 @@ class FaultDetector:
         return True
 
     def _closes_on_object(self, window: MirrorWindow) -> bool:
-        """Whether several fingers press on something, at rest or with some of their joints still moving."""
-        return holds_object(window) or bool(np.count_nonzero(blocked_fingers(window, self._spec)) > 1)
+        """Whether several fingers press on something with some of their joints still moving."""
+        return bool(np.count_nonzero(blocked_fingers(window, self._spec)) > 1)
 
     def _name_signature(self, finger: int) -> None:
         """Name the fault of a finger whose shape the rows since its first sign have, and whose posture is known."""
