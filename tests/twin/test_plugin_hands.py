@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 
 import can
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.app.config import load_config
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.recording.reader import load
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.twin.identify.motions.motion import read_motion, recorded_calibration
@@ -94,3 +95,20 @@ def test_a_hand_that_does_not_say_what_its_torques_are_is_told_what_is_missing(
 def test_a_calibration_of_another_format_is_refused_by_the_key(table: dict[str, object], said: str) -> None:
     with pytest.raises(ConfigError, match=f"calibration: .*{said}"):
         recorded_calibration(table)
+
+
+@pytest.mark.parametrize("background", [False, True])
+def test_a_package_whose_close_raises_is_told_once_by_whoever_closes_the_hand(
+    background: bool, config: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def lost(self: object) -> None:
+        raise OSError("no such port")
+
+    printed: list[object] = []
+    monkeypatch.setattr(threading, "excepthook", printed.append)
+    hand = Hand.open(load_config(config), background=background)
+    hand.wait(0.05)
+    monkeypatch.setattr(plugin_hand.TheirHand, "close", lost)
+    with pytest.raises(HandFault, match=r"backend theirs: TheirHand\.close raises OSError: no such port \("):
+        hand.close()
+    assert printed == []
