@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from typing import Any, Protocol
 
 from allegro_twin.backend import HandBackend
+from allegro_twin.plugin_faults import as_plugin_fault
 
 
 class Device(Protocol):
@@ -69,8 +71,14 @@ class _Device:
 
     def warnings(self) -> Sequence[str]:
         said = getattr(self._backend, "warnings", None)
-        return () if said is None else tuple(said())
+        with self._call("warnings"):
+            return () if said is None else tuple(map(str, said()))
 
     def listen(self, log: Callable[[Any], None]) -> bool:
         listen = getattr(self._backend, "listen", None)
-        return False if listen is None else bool(listen(log))
+        with self._call("listen"):
+            return False if listen is None else bool(listen(log))
+
+    def _call(self, method: str) -> AbstractContextManager[None]:
+        backend = type(self._backend)
+        return as_plugin_fault(backend, f"{backend.__qualname__}.{method}", "backend")

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from importlib import import_module
-from traceback import walk_tb
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -24,8 +23,9 @@ from allegro_twin.files.schema import Settings
 from allegro_twin.hands.description.calibration import NOTHING, Version
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.settings import HandSettings, TaskSettings
+from allegro_twin.plugin_faults import as_plugin_fault, is_own
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Command, HandState, Vector
+from allegro_twin.types import Command, HandState, PositionCommand, TorqueCommand, Vector
 
 if TYPE_CHECKING:
     from allegro_twin.grasping.trial import Trial
@@ -129,26 +129,6 @@ class BackendKind(Generic[S]):
     """Whether it repeats what has happened: then no guard limits it, and it says itself when it ends."""
 
 
-@contextmanager
-def _told_in_one_line(source: Any, call: str) -> Iterator[None]:
-    """Raise what a package's code raises, a class or a function, as a HandFault that names the call and the deepest
-    line of its own modules."""
-    try:
-        yield
-    except HandError:
-        raise
-    except Exception as error:  # A package of somebody else's may raise anything.
-        modules = {getattr(each, "__module__", "") for each in getattr(source, "__mro__", (source,))}
-        own = {getattr(sys.modules.get(name), "__file__", None) for name in modules}
-        lines = [(frame.f_code.co_filename, line) for frame, line in walk_tb(error.__traceback__)][1:]
-        places = [place for place in lines if place[0] in own] or lines or [("", 0)]
-        said = " ".join(str(error).split())
-        raise HandFault(
-            f"{call} raises {type(error).__name__}{said and f': {said}'} ({places[-1][0]}:{places[-1][1]}); a backend "
-            "tells what goes wrong by a HandError: see to its package"
-        ) from error
-
-
 class PluginBackend(PassThroughBackend):
     """A backend of an installed package, of which every error is a HandError in one line.
 
@@ -164,9 +144,9 @@ class PluginBackend(PassThroughBackend):
     def open(cls, kind: BackendKind[S], settings: S, context: BackendContext, name: str) -> HandBackend:
         """Open a backend of a package's kind; one that is of this package stays as it is. Raises HandError."""
         opener = kind.open
-        with _told_in_one_line(opener, f"backend {name}: {getattr(opener, '__qualname__', type(opener).__name__)}"):
+        with as_plugin_fault(opener, f"backend {name}: {_name(opener)}", "backend"):
             backend = opener(settings, context)
-        return backend if type(backend).__module__.startswith("allegro_twin.") else cls(backend, name)
+        return backend if is_own(type(backend)) else cls(backend, name)
 
     def reset(self) -> HandState:
         with self._call("reset"):
@@ -200,13 +180,13 @@ class PluginBackend(PassThroughBackend):
 
     def _call(self, method: str) -> AbstractContextManager[None]:
         backend = type(self._inner)
-        return _told_in_one_line(backend, f"backend {self._kind}: {backend.__qualname__}.{method}")
+        return as_plugin_fault(backend, f"backend {self._kind}: {backend.__qualname__}.{method}", "backend")
 
     def _checked(self, state: HandState, method: str) -> HandState:
         """The state. Raises HandFault for what is no state of this hand."""
         n, wrong = self.spec.n_joints, ""
         if not isinstance(state, HandState):
-            wrong = f"{' '.join(repr(state).split()):.60}, no HandState"
+            wrong = f"{_short(state)}, no HandState"
         elif not (isinstance(state.t, float | int | np.floating) and isinstance(state.tick, int | np.integer)):
             wrong = f"t {state.t!r:.60} and tick {state.tick!r:.60}, no numbers"
         else:
@@ -234,6 +214,53 @@ class ControllerKind(Generic[S]):
     """A subclass of `ControllerSettings`."""
     make: Callable[[S, ControllerContext], MadeController]
     """Makes the controller. Raises ConfigError."""
+
+
+class PluginController:
+    """A controller of an installed package, of which every error is a HandError in one line, as of a `PluginBackend`.
+
+    An answer that is no command with a memory is a HandFault, too.
+    """
+
+    def __init__(self, controller: Controller[Any], kind: str) -> None:
+        self._inner, self._kind = controller, kind
+
+    @classmethod
+    def make(cls, kind: ControllerKind[S], settings: S, context: ControllerContext, name: str) -> MadeController:
+        """Make a controller of a package's kind; one that is of this package stays as it is. Raises HandError."""
+        with as_plugin_fault(kind.make, f"controller {name}: {_name(kind.make)}", "controller"):
+            made = kind.make(settings, context)
+        if not isinstance(made, MadeController):
+            raise HandFault(
+                f"controller {name}: {_name(kind.make)} returns {_short(made)}, no MadeController: see to its package"
+            )
+        return made if is_own(type(made.controller)) else made._replace(controller=cls(made.controller, name))
+
+    def start(self, state: HandState) -> Any:
+        with self._call("start"):
+            return self._inner.start(state)
+
+    def __call__(self, state: HandState, memory: Any) -> tuple[Command, Any]:
+        with self._call("__call__"):
+            answer: Any = self._inner(state, memory)
+        if isinstance(answer, tuple) and len(answer) == 2 and isinstance(answer[0], TorqueCommand | PositionCommand):
+            return answer
+        raise HandFault(
+            f"controller {self._kind}: {_name(type(self._inner))}.__call__ returns {_short(answer)}; it returns a "
+            "command (TorqueCommand, PositionCommand) and its memory: see to its package"
+        )
+
+    def _call(self, method: str) -> AbstractContextManager[None]:
+        controller = type(self._inner)
+        return as_plugin_fault(controller, f"controller {self._kind}: {_name(controller)}.{method}", "controller")
+
+
+def _name(source: Any) -> str:
+    return str(getattr(source, "__qualname__", type(source).__name__))
+
+
+def _short(value: object) -> str:
+    return f"{' '.join(repr(value).split()):.60}"
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ PACKAGE = ROOT / "allegro_twin"
 LAYERS = [
     {"_lazy", "errors", "types", "version"},
     {"array_api", "spec"},
-    {"backend", "controller"},
+    {"backend", "controller", "plugin_faults"},
     {"device", "loop", "safety", "files"},
     {"sweep"},
     {"control", "kinematics"},

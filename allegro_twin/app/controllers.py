@@ -24,7 +24,7 @@ from allegro_twin.backend import limp_of
 from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import find_file
-from allegro_twin.plugins import CONTROLLERS, ControllerContext, ControllerKind, MadeController
+from allegro_twin.plugins import CONTROLLERS, ControllerContext, ControllerKind, MadeController, PluginController
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import ArmSpec
 from allegro_twin.types import Vector, frozen
@@ -54,12 +54,12 @@ def make_controller(
     """The controller, and how long its motion takes where that is known. `object_pose`: of a simulated hand's episode,
     (7,); `live`: whether the hand's time passes by itself; `replayed`: whether its motion is a recording's. Raises
     ConfigError."""
-    settings = config.controller
-    if settings.kind in CONTROLLERS.builtin:
-        check_kind(settings.kind, spec)
-    made: MadeController = CONTROLLERS.kind(settings.kind).make(
-        settings, ControllerContext(spec, config.period, config.task, trial, object_pose, live, replayed)
-    )
+    settings, kind = config.controller, CONTROLLERS.kind(config.controller.kind)
+    context = ControllerContext(spec, config.period, config.task, trial, object_pose, live, replayed)
+    if settings.kind not in CONTROLLERS.builtin:
+        return PluginController.make(kind, settings, context, settings.kind)
+    check_kind(settings.kind, spec)
+    made: MadeController = kind.make(settings, context)
     return made
 
 

@@ -1,4 +1,4 @@
-"""A backend of an installed package may do anything: whoever drives it is told in one line."""
+"""A backend or controller of an installed package may do anything: whoever drives it is told in one line."""
 
 from __future__ import annotations
 
@@ -12,9 +12,18 @@ import numpy as np
 import pytest
 
 from allegro_twin.backend import limp_of
+from allegro_twin.control.controllers import ConstantCommand
+from allegro_twin.device import device_of
 from allegro_twin.errors import HandFault, LinkError
 from allegro_twin.files.first_error import message_of
-from allegro_twin.plugins import PluginBackend
+from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.plugins import (
+    ControllerKind,
+    ControllerSettings,
+    MadeController,
+    PluginBackend,
+    PluginController,
+)
 from allegro_twin.types import HandState
 from tests.contract.test_rules import Good, changed
 
@@ -97,3 +106,61 @@ def test_a_close_that_raises_is_a_fault_and_the_note_of_an_error_that_is_on_its_
         raise HandFault("too hot")
     assert message_of(caught.value).startswith("too hot; backend mine: Bad.close raises OSError: no such port (")
     assert message_of(caught.value).count("no such port") == 1
+
+
+class Following:
+    """A controller that answers as it is told to."""
+
+    def __init__(self, answer: Callable[[HandState], object]) -> None:
+        self.answer = answer
+
+    def start(self, state: HandState) -> int:
+        return int(state.tick / (state.tick - 1))
+
+    def __call__(self, state: HandState, memory: int) -> Any:
+        return self.answer(state)
+
+
+def test_a_controller_that_raises_is_a_fault_that_names_the_call_and_the_line() -> None:
+    controller = PluginController(Following(lambda state: dict[str, object]()["gain"]), "mine")
+    state = Good().reset()
+    line = Following.start.__code__.co_firstlineno + 1
+    with pytest.raises(
+        HandFault, match=rf"^controller mine: Following.start raises ZeroDivisionError: .* \({__file__}:{line}\); a con"
+    ):
+        controller.start(replace(state, tick=1))
+    with pytest.raises(HandFault, match=r"^controller mine: Following.__call__ raises KeyError: 'gain' \("):
+        controller(state, 0)
+
+
+@pytest.mark.parametrize("answer", [None, [], limp_of(load_spec()), (None, 0), (np.zeros(16), 0)])
+def test_an_answer_that_is_no_command_with_a_memory_is_a_fault_that_says_what_came(answer: object) -> None:
+    controller = PluginController(Following(lambda state: answer), "mine")
+    said = re.escape(" ".join(repr(answer).split())[:60])
+    with pytest.raises(HandFault, match=f"^controller mine: Following.__call__ returns {said}; it returns a command"):
+        controller(Good().reset(), 0)
+
+
+def test_a_controller_of_this_package_that_a_package_makes_stays_as_it_is() -> None:
+    def make(answer: Any) -> MadeController:
+        context: Any = None
+        kind = ControllerKind(ControllerSettings, lambda settings, context: answer)
+        return PluginController.make(kind, ControllerSettings(kind="mine"), context, "mine")
+
+    own = ConstantCommand(limp_of(load_spec()))
+    assert make(MadeController(own)).controller is own
+    theirs = make(MadeController(Following(lambda state: None), 2.0))
+    assert (type(theirs.controller), theirs.seconds) == (PluginController, 2.0)
+    with pytest.raises(HandFault, match="returns ConstantCommand.*, no MadeController"):
+        make(own)
+
+
+def test_the_optional_members_of_a_device_are_told_in_one_line_too() -> None:
+    def lost(hand: Good, *given: object) -> None:
+        raise OSError("no such port")
+
+    device = device_of(PluginBackend(changed(warnings=lost, listen=lost)(), "mine"))
+    with pytest.raises(HandFault, match="^Bad.warnings raises OSError: no such port"):
+        device.warnings()
+    with pytest.raises(HandFault, match="^Bad.listen raises OSError: no such port"):
+        device.listen(print)
