@@ -10,6 +10,7 @@ joint of a finger at once, so what it may hold in each is taken away first (`bey
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -151,8 +152,15 @@ def push_ratio(
     share = np.square(beyond_friction(disturbance, held) / (above - held))
     if joints is not None:
         return np.asarray(np.sqrt(share[..., list(joints)].sum(axis=-1)))
-    sums = [share[..., list(finger.joints)].sum(axis=-1) for finger in spec.fingers]
-    return np.asarray(np.sqrt(np.stack(sums, axis=-1)))
+    order, starts = _joints_by_finger(spec)
+    return np.asarray(np.sqrt(np.add.reduceat(share[..., order], starts, axis=-1)))
+
+
+@lru_cache(maxsize=16)
+def _joints_by_finger(spec: HandSpec) -> tuple[list[int], list[int]]:
+    """All fingers' joints, one finger after the other, and where each finger begins among them."""
+    counts = [len(finger.joints) for finger in spec.fingers]
+    return [joint for finger in spec.fingers for joint in finger.joints], [sum(counts[:k]) for k in range(len(counts))]
 
 
 def outermost_joint(share: Vector, joints: Sequence[int]) -> int:

@@ -162,11 +162,14 @@ class Mirror:
             self._since += gone
             for lost, (estimate, torque) in enumerate(self._estimates(state, gone), 1):
                 ends = lost == gone
-                known = heard & ends
-                position = np.where(known, state.position, estimate.predicted)
+                whole, since = state, self._since
+                if not ends or not heard.all():
+                    known = heard & ends
+                    whole = replace(state, position=np.where(known, state.position, estimate.predicted))
+                    since = np.where(known, self._since, 0)
                 self._estimate, self._moving = estimate, self._pace(estimate.velocity)
                 if state.t > self._begun + SETTLED:
-                    self._judge(replace(state, position=position), torque, np.where(known, self._since, 0))
+                    self._judge(whole, torque, since)
             self._since[heard] = 0
             self._measure_noise(state, gone)
         self._told, self._tick = sample.command, state.tick
