@@ -404,7 +404,7 @@ def test_a_table_is_no_bus_log(command: Run, recording_path: Path, tmp_path: Pat
     assert command("export", recording_path, tmp_path / "a.csv")[0] == 0
     code, _, error = command("export", tmp_path / "a.csv", tmp_path / "b.arrow")
     assert code == 2
-    assert "a.csv: a recording is made of a bus log (.blf, .log, .asc), a bag or a data set" in " ".join(error.split())
+    assert "a.csv: a .csv does not become a recording again; bus logs, bags and data sets do" in " ".join(error.split())
 
 
 def test_bags_that_cannot_be_used_say_why(spec: HandSpec, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from allegro_twin.app.config import load_config
 from allegro_twin.errors import ConfigError, unknown
 
 FORMATS = ("lerobot", "minari", "rosbag2")
+_ONE_WAY = (".csv", ".parquet", ".rrd")  # Exports that nothing reads back.
 
 
 def convert(path: Path, target: Path, *, partial: bool, track: str | None = None, config: str | None = None) -> int:
@@ -50,12 +51,10 @@ def _with_card(recording: Any, config: str | None) -> Any:
 def from_log(path: Path, target: Path, config: str | None, bus: str | None) -> tuple[int, str]:
     """Make a recording of a bus log. Returns its rows and a summary of irregularities. Raises RecordingError,
     ConfigError."""
-    from allegro_twin.drivers.can.tools.log import SUFFIXES
-
-    if path.suffix not in SUFFIXES and path.exists():
+    if path.suffix in _ONE_WAY:
         raise ConfigError(
-            f"{path}: a recording is made of a bus log ({', '.join(SUFFIXES)}), a bag or a data set, and of no other "
-            "file: export the .arrow that it was made of"
+            f"{path}: a {path.suffix} does not become a recording again; bus logs, bags and data sets do: keep the "
+            ".arrow that it was made of"
         )
     if config is None:
         raise ConfigError(f"{path}: a bus log does not say whose it is; name a config of that hand with --config")
