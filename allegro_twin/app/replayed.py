@@ -40,7 +40,9 @@ def _recording(settings: ReplaySettings, context: BackendContext) -> Recording:
     from allegro_twin.recording.reader import load
 
     if is_bag(settings.file):
-        return from_bag(settings.file, context.spec(), context.period)
+        return from_bag(settings.file, context.spec(), context.period, settings.topic)
+    if settings.topic is not None:
+        raise ConfigError(f"`topic` is for a bag; {settings.file} is none: leave it out")
     if settings.file.is_dir():
         raise ConfigError(
             f"{settings.file} is a folder, and no bag: of a data set `allegro-twin export {settings.file} one.arrow "

@@ -129,6 +129,8 @@ class Recording:
     """Arrays by name, one row per period: (k,) or (k, width). The file's schema has the units."""
     complete: bool
     """The end was written: the process that recorded was not killed."""
+    notes: tuple[str, ...] = ()
+    """What of a bag is left out or was chosen, in sentences; of a bag that has just been read."""
 
     def __len__(self) -> int:
         return len(self.columns["t"])

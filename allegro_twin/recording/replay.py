@@ -50,6 +50,10 @@ class ReplayBackend:
     def close(self) -> None:
         pass  # The recording is in memory: nothing to close.
 
+    def warnings(self) -> tuple[str, ...]:
+        """What of its source is left out."""
+        return self.recording.notes
+
     def extras(self) -> dict[str, Array]:
         """The further columns of the current row."""
         return {k: v[self._row] for k, v in self.recording.columns.items() if k not in HAND_COLUMNS}

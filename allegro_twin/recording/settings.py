@@ -18,6 +18,8 @@ class ReplaySettings(BackendSettings):
     """Use the readable rows of a recording that was cut short."""
     track: str | None = None
     """Track of a recording of a whole cell: `hand` or `arm`."""
+    topic: str | None = None
+    """Topic of a bag with the joints' positions (JointState). None: its only one that is called joint_states."""
 
     @property
     def place(self) -> str:

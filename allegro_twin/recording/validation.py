@@ -19,7 +19,7 @@ from allegro_twin.types import Array
 _ROWS = ("position", "velocity", "torque", "temperature")
 STRONGEST = 500.0
 """m/s², gravity: some 50 g, more than the IMU of any hand measures."""
-NOT_RADIANS = 10.0
+NOT_RADIANS = 3.0
 """Times a joint's furthest end, in most joints, from which on positions are not in rad; degrees are 57 times them."""
 FEW = 10
 """Rows of which nothing is said about their clock."""
@@ -49,14 +49,14 @@ def stream_metadata(name: str, schema: pa.Schema) -> dict[str, Any]:
 
 
 def check_recording(
-    name: str, meta: Mapping[str, Any], columns: Mapping[str, Array], *, partial: bool = False
+    name: str, meta: Mapping[str, Any], columns: Mapping[str, Array], *, partial: bool | None = False
 ) -> Mapping[str, Array]:
-    """The columns; if `partial`, of the rows before the first that is wrong.
+    """The columns; if `partial`, of the rows before the first that is wrong; None: what is read has no such choice.
 
     Raise RecordingError, which names the metadata, or the column and the row, unless a recording of a device can be
     replayed: all columns of a state and of a command, as wide as its hand, numbers; no row is a `bad_row`; `t` and
-    `tick` increase together as the period says. Rows count from 0. Columns that a hand need not report may have NaN
-    (`missed.hold_missed`), and ticks may jump.
+    `tick` increase together as the period says; positions are rad (`check_radians`). Rows count from 0. Columns that a
+    hand need not report may have NaN (`missed.hold_missed`), and ticks may jump.
     """
     spec = _check_metadata(name, meta)
     n = spec.n_joints
@@ -70,9 +70,10 @@ def check_recording(
     if found is not None and partial and found.row:
         columns = {each: values[: found.row] for each, values in columns.items()}
     elif found is not None:
-        rest = f"; with --partial the {found.row} rows before it are read" if found.row else ""
+        rest = f"; with --partial the {found.row} rows before it are read" if found.row and partial is not None else ""
         raise RecordingError(f"{name}: row {found.row}: {found.why}{found.cause}{rest}")
     _check_clock(name, float(meta["period"]), columns["t"], columns["tick"])
+    check_radians(name, columns["position"], spec)
     return columns
 
 
@@ -115,8 +116,8 @@ def bad_row(columns: Mapping[str, Array], before: tuple[float, float] = (-math.i
 
 
 def check_radians(name: str, position: Array, spec: HandSpec) -> None:
-    """Raise RecordingError where positions, (k, n), are beyond the joints' ranges by a factor of tens in most joints:
-    they are not in rad."""
+    """Raise RecordingError where positions, (k, n), are several times beyond the joints' ranges in most joints: they
+    are not in rad."""
     ends = np.maximum(np.abs(spec.lower), np.abs(spec.upper))
     furthest = np.nan_to_num(np.fmax.reduce(np.abs(position), axis=0))
     beyond = float(np.median(furthest / np.maximum(ends, 1e-3)))

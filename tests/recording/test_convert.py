@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,20 @@ def test_csv_has_a_column_per_joint_by_name(recording_path: Path, tmp_path: Path
     table = pyarrow.csv.read_csv(tmp_path / "r.csv")
     np.testing.assert_array_equal(table["position.thumb_3"].to_numpy(), recording.columns["position"][:, 15])
     assert {"t", "tick", "gravity.2", "command_torque.index_0"} <= set(table.column_names)
+
+
+def test_only_columns_of_joints_are_named_by_joint_whatever_their_width_is(
+    recording_path: Path, tmp_path: Path
+) -> None:
+    recording = load(recording_path)
+    n = recording.spec.n_joints
+    poses = {"flange": np.zeros((len(recording), n)), "target": np.zeros((len(recording), n))}
+    to_csv(replace(recording, columns={**recording.columns, **poses}), tmp_path / "r.csv")
+    names = pyarrow.csv.read_csv(tmp_path / "r.csv").column_names
+    assert [name for name in names if name.startswith("flange.")] == [f"flange.{k}" for k in range(n)]
+    assert [name for name in names if name.startswith("target.")] == [
+        f"target.{k}" for k in recording.spec.joint_labels
+    ]
 
 
 def test_a_file_that_fails_half_way_leaves_the_old_one(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -206,6 +207,19 @@ def test_what_does_not_fit_is_named(there_and_back: Pair, episodes: list[Recordi
         back(tmp_path / "set-v0", 2)
     with pytest.raises(RecordingError):
         back(tmp_path / "nothing")
+
+
+def test_an_episode_that_no_reader_takes_is_refused_when_it_is_read(
+    there_and_back: Pair, episodes: list[Recording], tmp_path: Path
+) -> None:
+    there, back = there_and_back
+    wrong = replace(episodes[0], columns={**episodes[0].columns, "tick": np.zeros(len(episodes[0]), dtype=np.int64)})
+    there([wrong], tmp_path / "set-v0")
+    with pytest.raises(
+        RecordingError, match="set-v0, episode 0: row 1: tick is 0 after 0; it must increase"
+    ) as refused:
+        back(tmp_path / "set-v0", 0)
+    assert "--partial" not in str(refused.value)
 
 
 def test_recordings_that_differ_make_no_common_set(

@@ -9,7 +9,9 @@ import pytest
 
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.recording.exchange.depth_bag import BagDepth, read_depth
-from tests.recording.depth_bags import DEPTH, FRAME, INFO, LENS, POINTS, SECOND, bag
+from allegro_twin.recording.messages import build
+from allegro_twin.recording.messages import message_types as v
+from tests.recording.depth_bags import DEPTH, FRAME, INFO, LENS, POINTS, SECOND, BagWriter, bag
 
 T0 = 1_700_000_000 * SECOND
 SHAPE = (48, 64)
@@ -163,6 +165,57 @@ def test_a_moving_frame_that_was_told_long_before_the_picture_is_refused(tmp_pat
         made.image(T0, plane())
     with pytest.raises(ConfigError, match=r"was told 3\.0 s from the picture"):
         first(tmp_path / "a.mcap")
+
+
+def stamped(made: BagWriter, stamp: int, at: int, depth: float) -> None:
+    """A picture whose stamp, ns, is not when it was recorded."""
+    made.info(at)
+    data = np.ascontiguousarray(plane(depth).astype("<u2")).view(np.uint8).ravel()
+    message = made.types.make(
+        "sensor_msgs/msg/Image", header=made.types.header(stamp, FRAME), height=48, width=64, encoding="16UC1",
+        is_bigendian=0, step=128, data=data)  # fmt: skip
+    made.write(DEPTH, at, message)
+
+
+def placed(made: BagWriter, stamp: int, at: int, x: float) -> None:
+    """The camera at x, m, told in /tf with a stamp, ns, that is not when it was recorded."""
+    made.write("/tf", at, made.types.make(v.TF, transforms=[
+        build.transform(made.types, stamp, "world", FRAME, np.array([x, 0, 0, 1, 0, 0, 0]))]))  # fmt: skip
+
+
+@pytest.mark.parametrize("stamps", [(0.0, 0.1, 0.2), (0.0, 0.0, 0.0)])
+def test_a_bag_from_a_simulation_or_without_stamps_has_one_clock(tmp_path: Path, stamps: tuple[float, ...]) -> None:
+    with bag(tmp_path / "a.mcap") as made:
+        for k, stamp in enumerate(stamps):
+            stamped(made, round(stamp * SECOND), T0 + k * SECOND // 10, 400.0 + 100.0 * k)
+            placed(made, round(stamp * SECOND), T0 + k * SECOND // 10, float(k))
+    found = list(read_depth(tmp_path / "a.mcap"))
+    np.testing.assert_allclose([each.time for each in found], [0.0, 0.1, 0.2])
+    np.testing.assert_allclose([each.depth[5, 5] for each in found], [0.4, 0.5, 0.6])
+    assert [each.pose.position[0] for each in found if each.pose is not None] == [0.0, 1.0, 2.0]
+
+
+@pytest.mark.parametrize("place", [0, 2, 3])
+def test_a_picture_with_a_stamp_of_another_clock_is_left_out_and_told(
+    tmp_path: Path, place: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    with bag(tmp_path / "a.mcap") as made:
+        for k in range(4):
+            at = T0 + k * SECOND // 10
+            stamped(made, at + (1000 * SECOND if k == place else 0), at, 400.0 + 100.0 * k)
+    found = list(read_depth(tmp_path / "a.mcap"))
+    np.testing.assert_allclose([each.depth[5, 5] for each in found], np.delete([0.4, 0.5, 0.6, 0.7], place))
+    assert max(each.time for each in found) < 1.0
+    assert f"1 of 4 pictures are left out: their times go back, or jump, first that of {place + 1}" in caplog.text
+
+
+def test_a_frame_without_stamps_is_told_by_when_it_was_recorded(tmp_path: Path) -> None:
+    with bag(tmp_path / "a.mcap") as made:
+        for k in range(3):
+            at = T0 + k * SECOND
+            stamped(made, 5 * SECOND + k * SECOND, at, 500.0)
+            placed(made, 0, at, float(k))
+    assert [each.pose.position[0] for each in read_depth(tmp_path / "a.mcap") if each.pose] == [0.0, 1.0, 2.0]
 
 
 def test_frames_that_go_round_in_a_circle_end(tmp_path: Path) -> None:

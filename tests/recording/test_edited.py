@@ -74,6 +74,7 @@ Edit = Callable[[pa.Table], pa.Table]
         (lambda table: changed(table, "torque", (50, 1), -np.inf), r"row 50: torque\[1\] is -inf at 0\.150 s"),
         (lambda table: changed(table, "t", slice(None), 3.0 * np.arange(ROWS)[:, None]), r"3 s on .* milliseconds"),
         (lambda table: changed(table, "t", slice(None), 0.006 * np.arange(ROWS)[:, None]), r"0\.006 s on in each tick"),
+        (lambda table: changed(table, "position", slice(None), 20.0), r"go to 20, .* in degrees: divide them by 57"),
         (lambda table: table.drop_columns(["torque"]), "has no column torque"),
         (lambda table: table.drop_columns(["command_torque"]), "has no column command_torque"),
         (lambda table: table.drop_columns(["t"]), "has no column t"),

@@ -35,7 +35,7 @@ from tests.test_safety import state
 
 def sample(tick: int) -> Sample:
     row = np.arange(16.0) + tick
-    return Sample(state(tick, position=row, velocity=-row), TorqueCommand(row / 100))
+    return Sample(state(tick, position=row / 1000, velocity=-row), TorqueCommand(row / 100))
 
 
 def record(path: Path, spec: HandSpec, rows: int) -> None:

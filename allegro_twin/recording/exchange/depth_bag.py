@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,10 +14,12 @@ from numpy.typing import NDArray
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.kinematics.pose import Pose, compose, relative_to
-from allegro_twin.recording.exchange.rosbag import open_bag
+from allegro_twin.recording.exchange.bag_times import BagTimes, bag_times
+from allegro_twin.recording.exchange.rosbag import header_stamp, open_bag
 from allegro_twin.recording.messages import message_types as v
 from allegro_twin.types import Array
 
+_log = logging.getLogger(__name__)
 IMAGE, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
 _DEPTHS = {"16UC1": ("u2", 1e-3), "mono16": ("u2", 1e-3), "32FC1": ("f4", 1.0)}  # REP 118: mm, or m.
 _FLOATS = {7: "f4", 8: "f8"}  # sensor_msgs/PointField.
@@ -37,7 +40,7 @@ class BagDepth(NamedTuple):
     """A depth picture of a bag."""
 
     time: float
-    """By its stamp, s since the first picture."""
+    """By its stamp, s since the first picture; by when it was recorded where no picture has a stamp."""
     depth: NDArray[np.float32]
     """(rows, columns), m along z; NaN is unknown."""
     lens: Lens
@@ -49,7 +52,8 @@ class BagDepth(NamedTuple):
 
 def read_depth(path: Path, topic: str | None = None, world: str = "world") -> Iterator[BagDepth]:
     """Yield the depth pictures of a topic, oldest first; None: of the bag's only depth pictures, or else its only
-    clouds. The bag is open until the iterator is closed.
+    clouds. The bag is open until the iterator is closed. Pictures whose stamps go back, repeat or jump are left out,
+    and their number is logged.
 
     Raises RecordingError for a file that is no bag, ConfigError for a topic that is not there or cannot be read as
     depth.
@@ -58,20 +62,31 @@ def read_depth(path: Path, topic: str | None = None, world: str = "world") -> It
         raise RecordingError(f"no bag at {path}")
     with open_bag(path) as reader:
         chosen = _topic(path, reader, topic)
-        where, info, tree, first = f"{path}: {chosen}", _info(path, reader, chosen), _Frames(path, reader), None
         connections = [each for each in reader.connections if each.topic == chosen]
-        for connection, at, data in reader.messages(connections=connections):
+        where, info = f"{path}: {chosen}", _info(path, reader, chosen)
+        clock = _clock(reader, connections)
+        for line in clock.left_out("pictures"):
+            _log.warning("%s: %s", where, line)
+        tree, first = _Frames(path, reader, stamped=clock.stamped), clock.times[clock.kept][:1]
+        if not len(first):
+            raise ConfigError(f"{where} has no messages")
+        heard = zip(reader.messages(connections=connections), clock.times.tolist(), clock.kept.tolist(), strict=True)
+        for (connection, at, data), time, kept in heard:
+            if not kept:
+                continue
             message = reader.deserialize(data, connection.msgtype)
-            stamp = v.nanoseconds(message.header.stamp) or at
-            first = stamp if first is None else first
             if connection.msgtype == IMAGE:
                 depth, lens = _image(message, info, where)
             else:
                 depth, lens = _cloud(message, info, where)
             frame = str(message.header.frame_id)
-            yield BagDepth((stamp - first) * NANOSECOND, depth, lens, frame, tree.pose(world, frame, stamp))
-        if first is None:
-            raise ConfigError(f"{where} has no messages")
+            yield BagDepth((time - int(first[0])) * NANOSECOND, depth, lens, frame, tree.pose(world, frame, time, at))
+
+
+def _clock(reader: Any, connections: Sequence[Any]) -> BagTimes:
+    """The times of a topic's messages."""
+    heard = [(header_stamp(reader, data), at) for _, at, data in reader.messages(connections=connections)]
+    return bag_times([stamp for stamp, _ in heard], [at for _, at in heard])
 
 
 def _topic(path: Path, reader: Any, topic: str | None) -> str:
@@ -229,12 +244,24 @@ def _fitted_lens(points: NDArray[np.float32], where: str) -> Lens:
     return points.shape[1], points.shape[0], fx, fy, cx, cy
 
 
-class _Frames:
-    """The tree of frames of a bag, over time."""
+class _Told(NamedTuple):
+    """A frame in its parent."""
 
-    def __init__(self, path: Path, reader: Any) -> None:
+    stamp: int
+    """ns."""
+    recorded: int
+    """ns, by the recorder's clock."""
+    pose: Pose
+
+
+class _Frames:
+    """The tree of frames of a bag, over time: by stamps where the pictures have them (`stamped`) and a transform of the
+    frame has one, else by when pictures and transforms were recorded."""
+
+    def __init__(self, path: Path, reader: Any, *, stamped: bool) -> None:
         self._path, self._parents = path, dict[str, str]()
-        self._poses: dict[str, list[tuple[int, Pose]]] = defaultdict(list)
+        self._poses: dict[str, list[_Told]] = defaultdict(list)
+        self._stamped = set[str]()
         self._static: dict[str, Pose] = {}
         self._wrong: dict[str, str] = {}  # By frame; only a frame that is asked for matters.
         wanted = [each for each in reader.connections if each.msgtype == v.TF]
@@ -249,23 +276,25 @@ class _Frames:
                     raise ConfigError(
                         f"{path}: the static frame {child} has two places in {parent}; record one of them"
                     )
-                self._poses[child].append((0 if static else v.nanoseconds(each.header.stamp) or at, pose))
+                told = _Told(v.nanoseconds(each.header.stamp), at, pose)
+                if stamped and told.stamp:
+                    self._stamped.add(child)
+                self._poses[child].append(told)
         for child in self._static.keys() & self._poses.keys():
-            if any(_differ(self._static[child], pose) for _, pose in self._poses[child]):
+            if any(_differ(self._static[child], told.pose) for told in self._poses[child]):
                 self._wrong.setdefault(child, f"the frame {child} is static and moves; record one of the two")
-        for poses in self._poses.values():
-            poses.sort(key=lambda pair: pair[0])
 
-    def pose(self, world: str, frame: str, stamp: int) -> Pose | None:
-        """A frame in another at a time, ns, by the nearest transforms; None where they are not connected. Raises
-        ConfigError where transforms on the way contradict each other, or were told long before or after."""
-        one, other = dict(self._up(frame, stamp)), dict(self._up(world, stamp))
+    def pose(self, world: str, frame: str, time: int, recorded: int) -> Pose | None:
+        """A frame in another at a picture's time, and when that was recorded, ns, by the nearest transforms; None where
+        they are not connected. Raises ConfigError where transforms on the way contradict each other, or were told long
+        before or after."""
+        one, other = dict(self._up(frame, time, recorded)), dict(self._up(world, time, recorded))
         for name, there in one.items():
             if name in other:
                 return relative_to(other[name], there)
         return None
 
-    def _up(self, frame: str, stamp: int) -> Iterator[tuple[str, Pose]]:
+    def _up(self, frame: str, time: int, recorded: int) -> Iterator[tuple[str, Pose]]:
         """A frame's pose in itself, its parent, and so on."""
         name, pose, known = frame.lstrip("/"), Pose(np.zeros(3), np.eye(3)), set[str]()
         while name not in known:
@@ -275,10 +304,13 @@ class _Frames:
                 return
             if name in self._wrong:
                 raise ConfigError(f"{self._path}: {self._wrong[name]}")
-            at, step = min(self._poses[name], key=lambda pair: abs(pair[0] - stamp))
-            if name not in self._static and abs(at - stamp) > _LATE:
+            own, told = name in self._stamped, self._poses[name]
+            aways = [abs(each.stamp - time if own else each.recorded - recorded) for each in told]
+            nearest = int(np.argmin(aways))
+            away, step = aways[nearest], told[nearest].pose
+            if name not in self._static and away > _LATE:
                 raise ConfigError(
-                    f"{self._path}: the frame {name} was told {abs(at - stamp) * NANOSECOND:.1f} s from the picture; "
+                    f"{self._path}: the frame {name} was told {away * NANOSECOND:.1f} s from the picture; "
                     "record /tf together with the depth"
                 )
             name, pose = self._parents[name], compose(step, pose)

@@ -14,10 +14,24 @@ from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.recording.arrow_writer import arrow_column
 from allegro_twin.recording.reader import Recording
+from allegro_twin.recording.validation import check_recording
+from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
 KEPT = "recording"
 """Name under which a data set keeps every column of a recording unchanged, beside what its own format asks for."""
+
+
+_OF_JOINTS = {
+    *("position", "velocity", "torque", "temperature", "target", "predicted", "disturbance"),
+    *("command_torque", "command_position", "command_effort"),
+}
+
+
+def number_names(spec: HandSpec, column: str, width: int) -> list[str]:
+    """Names of a vector's numbers: `position.index_0`, of joints; `palm.0`, of others, whatever their width is."""
+    of_joints = column in _OF_JOINTS and width == spec.n_joints
+    return [f"{column}.{label}" for label in (spec.joint_labels if of_joints else range(width))]
 
 
 def check_new_folder(folder: Path) -> None:
@@ -65,11 +79,12 @@ def task_of(recording: Recording) -> str:
     return f"{controller.get('kind', 'unknown')}: {task.get('posture') or controller.get('file') or 'motion'}"
 
 
-def rebuild_recording(path: Path, meta: Mapping[str, Any], columns: Mapping[str, Array]) -> Recording:
-    """Make a recording in memory from what a data set has kept."""
+def rebuild_recording(path: Path, meta: Mapping[str, Any], columns: Mapping[str, Array], what: str) -> Recording:
+    """Make a recording in memory from what a data set or a bag has, which error messages call `what`. Raises
+    RecordingError for columns and rows that `load` refuses."""
     for values in columns.values():
         values.setflags(write=False)
-    return Recording(path, meta, columns, complete=True)
+    return Recording(path, meta, check_recording(what, meta, columns, partial=None), complete=True)
 
 
 def write_arrow(recording: Recording, path: Path) -> None:

@@ -19,7 +19,14 @@ from numpy.typing import NDArray
 from allegro_twin.errors import RecordingError
 from allegro_twin.files.atomic_write import atomic_folder
 from allegro_twin.recording.arrow_writer import arrow_column
-from allegro_twin.recording.exchange.episodes import KEPT, action_of, check_recordings, rebuild_recording, task_of
+from allegro_twin.recording.exchange.episodes import (
+    KEPT,
+    action_of,
+    check_recordings,
+    number_names,
+    rebuild_recording,
+    task_of,
+)
 from allegro_twin.recording.reader import Recording, numpy_column
 
 VERSION = "v3.0"
@@ -68,7 +75,7 @@ def to_lerobot(recordings: Sequence[Recording], folder: Path) -> None:
     check_recordings(recordings, folder)
     first = recordings[0]
     names = {"observation.state": "position", "observation.velocity": "velocity", "action": action_of(first)[0]}
-    labels = {name: [f"{what}.{alias}" for alias in first.spec.joint_labels] for name, what in names.items()}
+    labels = {name: number_names(first.spec, what, first.columns[what].shape[1]) for name, what in names.items()}
     with atomic_folder(folder) as temporary:
         origin = DatasetOrigin(first.spec.name, first.period, labels)
         write_dataset(
@@ -120,7 +127,7 @@ def from_lerobot(folder: Path, episode: int = 0) -> Recording:
         raise RecordingError(f"{folder}: not a readable episode: {' '.join(str(error).split())}") from error
     kept = [name for name in table.column_names if name.startswith(f"{KEPT}.")]
     columns = {name.removeprefix(f"{KEPT}."): numpy_column(table.column(name)) for name in kept}
-    return rebuild_recording(path, metas[episode], columns)
+    return rebuild_recording(path, metas[episode], columns, f"{folder}, episode {episode}")
 
 
 def _rows(folder: Path, episode: int) -> tuple[Path, pa.Table]:

@@ -98,9 +98,10 @@ def from_minari(folder: Path, episode: int = 0) -> Recording:
                     f"{folder} was not made of recordings of this package: its episodes have no {META}"
                 )
             columns = {key: values[()] for key, values in group["infos"][KEPT].items()}
-            return rebuild_recording(path, json.loads(group.attrs[META]), columns)
+            meta = json.loads(group.attrs[META])
     except OSError as error:
         raise RecordingError(f"{path}: not a readable HDF5 file: {error}") from error
+    return rebuild_recording(path, meta, columns, f"{folder}, episode {episode}")
 
 
 def _add(group: Any, recording: Recording) -> None:

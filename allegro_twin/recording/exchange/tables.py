@@ -12,6 +12,7 @@ import pyarrow.parquet
 
 from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.recording.arrow_writer import arrow_column
+from allegro_twin.recording.exchange.episodes import number_names
 from allegro_twin.recording.reader import Recording
 
 
@@ -24,14 +25,14 @@ def to_parquet(recording: Recording, path: Path) -> None:
 
 
 def to_csv(recording: Recording, path: Path) -> None:
-    """Write one column per number, named `position.index_0`; vectors that are not per joint are numbered."""
+    """Write one column per number, named `position.index_0`; vectors that are not of joints are numbered."""
     spec = recording.spec
     columns = {}
     for name, values in recording.columns.items():
         if values.ndim == 1:
             columns[name] = values
             continue
-        labels = spec.joint_labels if values.shape[1] == spec.n_joints else [str(i) for i in range(values.shape[1])]
-        columns |= {f"{name}.{label}": np.ascontiguousarray(values[:, i]) for i, label in enumerate(labels)}
+        labels = number_names(spec, name, values.shape[1])
+        columns |= {label: np.ascontiguousarray(values[:, i]) for i, label in enumerate(labels)}
     with atomic_file(path) as temporary:
         pyarrow.csv.write_csv(pa.table(columns), temporary)

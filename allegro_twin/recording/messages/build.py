@@ -140,10 +140,9 @@ def joint_order(spec: HandSpec, names: Sequence[str], what: str) -> list[int]:
         return list(range(spec.n_joints))
     places: dict[int, int] = {}
     for place, name in enumerate(names):
-        try:
-            joint = spec.joint(_joint_name(spec, name))
-        except ConfigError:
-            raise ConfigError(f"{what}: {unknown('joint', name, spec.joints)}") from None
+        joint = joint_index(spec, name)
+        if joint is None:
+            raise ConfigError(f"{what}: {unknown('joint', name, spec.joints)}")
         if joint in places:
             raise ConfigError(f"{what} names the joint {name} twice")
         places[joint] = place
@@ -152,17 +151,19 @@ def joint_order(spec: HandSpec, names: Sequence[str], what: str) -> list[int]:
     return [places[joint] for joint in range(spec.n_joints)]
 
 
+def joint_index(spec: HandSpec, name: str) -> int | None:
+    """The joint of a message's name; None: no joint of the hand. ROS 2 allows no dots in names, so packages write
+    `joint_3_0` for `joint_3.0`."""
+    own = next((joint for joint in spec.joints if joint.replace(".", "_") == name), name)
+    return next((names.index(own) for names in (spec.joints, spec.aliases) if own in names), None)
+
+
 def joint_values(spec: HandSpec, values: Sequence[float], order: Sequence[int], what: str) -> Vector:
     """Numbers of a message in the hand's order, (n,), read-only. Raises ConfigError for a wrong length, or a number
     that is not finite."""
     if len(values) != len(order):
         raise ConfigError(f"{what} has {len(values)} numbers for {len(order)} joints")
     return spec.vector(np.asarray(values, dtype=np.float64)[list(order)], what)
-
-
-def _joint_name(spec: HandSpec, name: str) -> str:
-    """The hand's own name of a joint. ROS 2 allows no dots in names, so packages write `joint_3_0` for `joint_3.0`."""
-    return next((joint for joint in spec.joints if joint.replace(".", "_") == name), name)
 
 
 def _three(types: RosTypes, values: Vector) -> Any:

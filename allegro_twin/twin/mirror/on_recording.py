@@ -18,7 +18,6 @@ from allegro_twin.recording.missed import hold_missed, read_by_twin
 from allegro_twin.recording.reader import Recording, load
 from allegro_twin.recording.recorder import record
 from allegro_twin.recording.replay import ReplayBackend, replay_samples
-from allegro_twin.recording.validation import check_radians
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.results.findings import LEFT
 from allegro_twin.twin.mirror.contact_detection import SETTLED, Contact, find_contacts
@@ -199,7 +198,6 @@ def run_recording(recording: Recording, log: MirrorLog, into: Path | None = None
     """Run a recording past the mirror of a log; `into`: a copy with the mirror's columns, which is whole up to where
     Ctrl-C ends it. Raises ConfigError for one row, RecordingError where the copy cannot be written, or where the
     recording has a gap too long to hold (`hold_missed`)."""
-    check_radians(str(recording.path), recording.columns["position"], recording.spec)
     backend = ReplayBackend(hold_missed(recording, *read_by_twin(recording.spec, log.mirror.gravity)))
     samples = log.watch(to_the_end(replay_samples(backend)))
     if into is not None:

@@ -15,7 +15,7 @@ pytest.importorskip("rosbags", reason="needs the extra ros2")
 
 from allegro_twin.app.config import load_config
 from allegro_twin.errors import ConfigError, RecordingError
-from allegro_twin.recording.exchange.rosbag import from_bag, is_bag, to_mcap, to_rosbag2
+from allegro_twin.recording.exchange.rosbag import from_bag, header_stamp, is_bag, open_bag, to_mcap, to_rosbag2
 from allegro_twin.recording.messages import message_types as v
 from allegro_twin.recording.messages.bag_topics import NAMESPACE, STATES, bag_topics
 from allegro_twin.recording.messages.build import joint_states
@@ -213,6 +213,198 @@ def test_layouts_name_only_what_a_bag_of_that_hand_has(
 
 def _ids(layout: Any) -> list[str]:
     return [layout] if isinstance(layout, str) else [*_ids(layout["first"]), *_ids(layout["second"])]
+
+
+def said_at(spec: HandSpec, count: int = 200, *, begin: int = 10**18) -> list[tuple[str, int, Any]]:
+    """Joints that move, a message each 3 ms, with stamps from `begin`, ns, on."""
+    words, found = v.ros_types(), []
+    for k in range(count):
+        position = 0.3 + 0.2 * np.sin(k / 30 + np.arange(spec.n_joints))
+        still = frozen(np.zeros(spec.n_joints))
+        state = HandState(0.003 * k, k, frozen(position), frozen(-position), still, still, frozen(np.zeros(3)))
+        at = begin + 3_000_000 * k
+        found.append(("/joint_states", 10**18 + 3_000_000 * k, joint_states(words, at, [(spec, state)])))
+    return found
+
+
+def renamed(messages: list[tuple[str, int, Any]], topic: str) -> list[tuple[str, int, Any]]:
+    return [(topic, at, message) for _, at, message in messages]
+
+
+def test_each_message_of_a_bag_is_read_by_its_own_names(spec: HandSpec, tmp_path: Path) -> None:
+    straight = from_bag(bag_of(tmp_path / "straight", said_at(spec)), spec, 0.003)
+    said, order = said_at(spec), np.random.default_rng(0).permutation(spec.n_joints)
+    for _, _, message in said[100:]:
+        message.name = [message.name[k] for k in order]
+        message.position, message.velocity = message.position[order], message.velocity[order]
+    turned = from_bag(bag_of(tmp_path / "turned", said), spec, 0.003)
+    for name, values in straight.columns.items():
+        np.testing.assert_array_equal(turned.columns[name], values)
+
+
+@pytest.mark.parametrize("together", [True, False])
+def test_joints_of_an_arm_in_the_same_topic_are_no_part_of_the_hands(
+    spec: HandSpec, tmp_path: Path, together: bool
+) -> None:
+    straight = from_bag(bag_of(tmp_path / "straight", said_at(spec)), spec, 0.003)
+    arm, said = [f"fer_joint{k}" for k in range(1, 8)], []
+    for topic, at, message in said_at(spec):
+        parts = message.name, message.position, message.velocity
+        if not together:
+            words = v.ros_types()
+            none = np.zeros(7)
+            fields = {"name": arm, "position": none, "velocity": none, "effort": none}
+            said.append((topic, at - 10**6, words.make(v.JOINT_STATE, header=message.header, **fields)))
+        else:
+            message.name = [*arm, *parts[0]]
+            message.position, message.velocity = (np.concatenate([np.zeros(7), part]) for part in parts[1:])
+        said.append((topic, at, message))
+    found = from_bag(bag_of(tmp_path / "both", said), spec, 0.003)
+    for name, values in straight.columns.items():
+        np.testing.assert_array_equal(found.columns[name], values)
+    others = "200 messages are left out, which have no joint of allegro_right"
+    assert found.notes == (() if together else (f"{tmp_path / 'both'}: /joint_states: {others}",))
+
+
+def test_a_bag_whose_stamps_begin_at_0_is_read_by_its_stamps(spec: HandSpec, tmp_path: Path) -> None:
+    found = from_bag(bag_of(tmp_path / "simulated", said_at(spec, begin=0)), spec, 0.003)
+    np.testing.assert_array_equal(found.columns["tick"], np.arange(200))
+    assert found.notes == ()
+
+
+def test_a_bag_without_stamps_is_read_by_when_it_was_recorded_and_says_so(spec: HandSpec, tmp_path: Path) -> None:
+    said = said_at(spec, begin=0)
+    for _, _, message in said:
+        message.header.stamp.sec = message.header.stamp.nanosec = 0
+    found = from_bag(bag_of(tmp_path / "unstamped", said), spec, 0.003)
+    np.testing.assert_array_equal(found.columns["tick"], np.arange(200))
+    (note,) = found.notes
+    assert note.endswith("messages have no stamps: their times are when they were recorded")
+
+
+@pytest.mark.parametrize("place", [0, 100, 199])
+@pytest.mark.parametrize("second", [0, 10**9 + 1000])
+def test_a_stamp_of_another_clock_costs_one_row_and_is_told(
+    spec: HandSpec, tmp_path: Path, place: int, second: int
+) -> None:
+    said = said_at(spec)
+    said[place][2].header.stamp.sec = second
+    found = from_bag(bag_of(tmp_path / "jump", said), spec, 0.003)
+    np.testing.assert_array_equal(
+        found.columns["position"], [m.position for _, _, m in said[:place] + said[place + 1 :]]
+    )
+    assert found.columns["t"][-1] < 0.6
+    (note,) = found.notes
+    assert note.endswith(f"1 of 200 messages are left out: their times go back, or jump, first that of {place + 1}")
+
+
+@pytest.mark.parametrize("ros1", [False, True])
+def test_a_stamp_is_read_without_decoding_its_message(spec: HandSpec, tmp_path: Path, ros1: bool) -> None:
+    said = said_at(spec, begin=10**18 + 123_456_789)
+    with open_bag(bag_of(tmp_path / ("r.bag" if ros1 else "r"), said, ros1=ros1)) as reader:
+        found = [header_stamp(reader, data) for _, _, data in reader.messages()]
+    assert found == [v.nanoseconds(message.header.stamp) for _, _, message in said]
+
+
+def test_messages_that_come_twice_are_read_once_and_counted(spec: HandSpec, tmp_path: Path) -> None:
+    said = [each for topic, at, m in said_at(spec) for each in ((topic, at, m), (topic, at + 1, m))]
+    found = from_bag(bag_of(tmp_path / "twice", said), spec, 0.003)
+    assert len(found) == 200
+    (note,) = found.notes
+    assert "200 of 400 messages are left out: their times repeat that of another, first that of 2" in note
+    for _, _, message in said:
+        message.header.stamp.sec = message.header.stamp.nanosec = 0
+    with pytest.raises(ConfigError, match=r"comes every 1e-09 s; .*: record the topic once, with stamps"):
+        from_bag(bag_of(tmp_path / "unstamped", said), spec, 0.003)
+
+
+def test_messages_of_one_period_are_one_row_and_counted(spec: HandSpec, tmp_path: Path) -> None:
+    said = said_at(spec)
+    for k, (_, _, message) in enumerate(said):
+        message.header.stamp.nanosec = 2_700_000 * k
+    found = from_bag(bag_of(tmp_path / "faster", said), spec, 0.003)
+    (note,) = found.notes
+    assert f"{200 - len(found)} of 200 messages are left out, in the period of the one before" in note
+    assert len(found) < 185
+
+
+def test_a_topic_that_may_be_a_command_is_read_only_where_it_is_named(
+    command: Run, spec: HandSpec, tmp_path: Path
+) -> None:
+    path = bag_of(tmp_path / "told", renamed(said_at(spec), "/allegroHand_0/joint_cmd"))
+    target = tmp_path / "told.arrow"
+    code, _, error = command("export", path, target, "--config", "can_v4_right")
+    assert code == 2
+    assert "has joints of allegro_right on /allegroHand_0/joint_cmd, and not on joint_states" in " ".join(error.split())
+    assert not target.exists()
+    code, shown, _ = command("export", path, target, "--config", "can_v4_right", "--topic", "/allegroHand_0/joint_cmd")
+    assert (code, shown) == (0, f"{target}: 200 rows of /allegroHand_0/joint_cmd in told\n")
+    code, _, error = command("export", path, target, "--config", "can_v4_right", "--topic", "/joint_states")
+    assert code == 2
+    assert "has no sensor_msgs/msg/JointState on /joint_states; it has /allegro" in " ".join(error.split())
+
+
+def test_the_measured_topic_is_read_beside_a_command_and_both_are_named(
+    command: Run, spec: HandSpec, tmp_path: Path
+) -> None:
+    path = bag_of(tmp_path / "both", renamed(said_at(spec), "/a/joint_cmd") + renamed(said_at(spec), "/z/joint_states"))
+    code, shown, error = command("export", path, tmp_path / "b.arrow", "--config", "can_v4_right")
+    assert (code, shown) == (0, f"{tmp_path / 'b.arrow'}: 200 rows of /z/joint_states in both\n")
+    assert "/z/joint_states is read; positions of the same joints are on /a/joint_cmd, too" in " ".join(error.split())
+
+
+def test_two_measured_topics_are_refused_with_their_names_until_one_is_chosen(spec: HandSpec, tmp_path: Path) -> None:
+    from allegro_twin.app import assemble
+
+    topics = ("/allegroHand_0/joint_states", "/allegroHand_1/joint_states")
+    path = bag_of(tmp_path / "two", [each for topic in topics for each in renamed(said_at(spec), topic)])
+    with pytest.raises(ConfigError, match=rf"on {', '.join(topics)}: choose one by `topic`"):
+        from_bag(path, spec, 0.003)
+    assert from_bag(path, spec, 0.003, topics[1]).meta["source"] == f"{topics[1]} in two"
+    config = tmp_path / "replay.yaml"
+    replay = f"{{kind: replay, file: {path}, topic: {topics[1]}}}"
+    config.write_text(f"backend: {replay}\ntask: {{posture: home}}\ncontroller: {{kind: pd, compensate: false}}\n")
+    assemble(load_config(config))
+    config.write_text(config.read_text().replace(str(path), "r.arrow"))
+    with pytest.raises(ConfigError, match=r"`topic` is for a bag; r\.arrow is none"):
+        assemble(load_config(config))
+
+
+def test_a_replayed_bag_says_what_of_it_is_left_out(spec: HandSpec, tmp_path: Path) -> None:
+    from allegro_twin.app import assemble
+
+    said = said_at(spec)
+    said[100][2].header.stamp.sec = 0
+    config = tmp_path / "replay.yaml"
+    config.write_text(
+        f"backend: {{kind: replay, file: {bag_of(tmp_path / 'jump', said)}}}\ntask: {{posture: home}}\n"
+        "controller: {kind: pd, compensate: false}\n"
+    )
+    (note,) = assemble(load_config(config)).device.warnings()
+    assert "1 of 200 messages are left out" in note
+
+
+def test_a_bag_in_degrees_or_with_a_speed_that_is_none_is_refused(spec: HandSpec, tmp_path: Path) -> None:
+    said = said_at(spec)
+    for _, _, message in said:
+        message.position = np.degrees(message.position)
+    with pytest.raises(RecordingError, match=r"/joint_states: positions go to .* in degrees: divide them by 57\.2958"):
+        from_bag(bag_of(tmp_path / "degrees", said), spec, 0.003)
+    said = said_at(spec)
+    said[50][2].velocity = np.full(spec.n_joints, np.inf)
+    with pytest.raises(RecordingError, match=r"/joint_states: row 50: velocity\[0\] is inf") as refused:
+        from_bag(bag_of(tmp_path / "infinite", said), spec, 0.003)
+    assert "--partial" not in str(refused.value)
+    said[50][2].velocity = np.zeros(4)
+    with pytest.raises(ConfigError, match="velocity has 4 numbers for 16 joints"):
+        from_bag(bag_of(tmp_path / "short", said), spec, 0.003)
+
+
+def test_a_table_is_no_bus_log(command: Run, recording_path: Path, tmp_path: Path) -> None:
+    assert command("export", recording_path, tmp_path / "a.csv")[0] == 0
+    code, _, error = command("export", tmp_path / "a.csv", tmp_path / "b.arrow")
+    assert code == 2
+    assert "a.csv: a .csv does not become a recording again; bus logs, bags and data sets do" in " ".join(error.split())
 
 
 def test_bags_that_cannot_be_used_say_why(spec: HandSpec, tmp_path: Path) -> None:

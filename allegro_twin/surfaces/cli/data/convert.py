@@ -12,6 +12,7 @@ from allegro_twin.app.config import load_config
 from allegro_twin.errors import ConfigError, unknown
 
 FORMATS = ("lerobot", "minari", "rosbag2")
+_ONE_WAY = (".csv", ".parquet", ".rrd")  # Exports that nothing reads back.
 
 
 def convert(path: Path, target: Path, *, partial: bool, track: str | None = None, config: str | None = None) -> int:
@@ -50,6 +51,11 @@ def _with_card(recording: Any, config: str | None) -> Any:
 def from_log(path: Path, target: Path, config: str | None, bus: str | None) -> tuple[int, str]:
     """Make a recording of a bus log. Returns its rows and a summary of irregularities. Raises RecordingError,
     ConfigError."""
+    if path.suffix in _ONE_WAY:
+        raise ConfigError(
+            f"{path}: a {path.suffix} does not become a recording again; bus logs, bags and data sets do: keep the "
+            ".arrow that it was made of"
+        )
     if config is None:
         raise ConfigError(f"{path}: a bus log does not say whose it is; name a config of that hand with --config")
     from allegro_twin.app.bus_log import make_recording
@@ -58,8 +64,9 @@ def from_log(path: Path, target: Path, config: str | None, bus: str | None) -> t
     return found.states, found.summary()
 
 
-def from_bag(path: Path, target: Path, config: str | None) -> int:
-    """Make a recording of a bag, ours or of a config's hand. Returns its rows. Raises RecordingError, ConfigError."""
+def from_bag(path: Path, target: Path, config: str | None, topic: str | None) -> tuple[int, str, tuple[str, ...]]:
+    """Make a recording of a bag, ours or of a config's hand. Returns its rows, where they are from, and what is left
+    out. Raises RecordingError, ConfigError."""
     from allegro_twin.app.rig import spec_of
     from allegro_twin.recording.exchange.episodes import write_arrow
     from allegro_twin.recording.exchange.rosbag import from_bag as read
@@ -68,9 +75,9 @@ def from_bag(path: Path, target: Path, config: str | None) -> int:
         raise ConfigError(f"{target}: a bag becomes a recording, which ends in .arrow; export that one then")
     settings = None if config is None else load_config(config)
     spec = None if settings is None else spec_of(settings)
-    recording = read(path, spec, 0.003 if settings is None else settings.period)
+    recording = read(path, spec, 0.003 if settings is None else settings.period, topic)
     write_arrow(recording, target)
-    return len(recording)
+    return len(recording), str(recording.meta.get("source", "")), recording.notes
 
 
 def to_dataset(recordings: list[Path], folder: Path, kind: str, *, partial: bool, config: str | None = None) -> int:

@@ -63,13 +63,14 @@ def export(
     ] = None,
     bus: Annotated[str | None, typer.Option(help="Which bus, for a log of several.")] = None,
     track: Annotated[str | None, typer.Option(help="Which track of a `lab` recording: hand or arm.")] = None,
+    topic: Annotated[str | None, typer.Option(help="Topic of a bag; default: its only joint_states.")] = None,
 ) -> None:
     """Convert recordings, bags, bus logs and data sets."""
     from allegro_twin.recording.exchange.rosbag import is_bag
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.data import convert
 
-    first, bag = recordings[0], is_bag(recordings[0])
+    first, bag, source = recordings[0], is_bag(recordings[0]), ""
     log = target.suffix == ".arrow" and not first.is_dir() and kind is None and not bag
     if first.suffix == target.suffix == ".arrow":
         raise ConfigError(f"{first} is a recording already: export it to .mcap, .parquet, .csv, .rrd or a data set")
@@ -83,6 +84,7 @@ def export(
             "a bus log, a bag, or a recording that becomes .mcap, .rrd or rosbag2",
         ),
         ("--bus", bus, log, "a bus log"),
+        ("--topic", topic, bag and kind is None, "a bag"),
         ("--episode", episode, back, "a data set"),
         ("--track", track, not (log or back or bag or kind), "a lab run's recording"),
         ("--partial", partial or None, not (log or back or bag), "a recording"),
@@ -94,7 +96,9 @@ def export(
     elif len(recordings) != 1:
         raise ConfigError(f"{len(recordings)} recordings make one data set: give --format lerobot or minari")
     elif bag:
-        rows = convert.from_bag(first, target, config)
+        rows, source, left_out = convert.from_bag(first, target, config, topic)
+        for line in left_out:
+            console.warn(line)
     elif back:
         rows = convert.from_dataset(first, target, episode or 0)
     elif log:
@@ -102,4 +106,4 @@ def export(
         console.warn(notes)
     else:
         rows = convert.convert(first, target, partial=partial, track=track, config=config)
-    console.say(f"{target}: {rows} rows")
+    console.say(f"{target}: {rows} rows{source and f' of {source}'}")

@@ -15,7 +15,6 @@ from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.hands.description.calibration import FULL_SCALE, HandCalibration, Version
 from allegro_twin.recording.missed import hold_missed
 from allegro_twin.recording.reader import load
-from allegro_twin.recording.validation import check_radians
 from allegro_twin.sim.open_loop import BEFORE
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
@@ -77,7 +76,6 @@ def read_motion(path: Path, weight: Vector | None = None) -> RecordedMotion:
     drive."""
     recording = hold_missed(load(path), "gravity")
     spec, columns = recording.spec, recording.columns
-    check_radians(str(path), columns["position"], spec)
     table = recording.meta.get("calibration")
     if table is None:
         raise ConfigError(
