@@ -12,7 +12,7 @@ from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.camera.camera import CameraFrame
 from allegro_twin.cell.camera.intrinsics import Cloud
 from allegro_twin.cell.camera.sources import RecordedCamera
-from allegro_twin.cell.checks.camera_check import CameraCheck, check_camera, lifted_part
+from allegro_twin.cell.checks.camera_check import CameraCheck, LiftedPart, check_camera, lifted_part
 from allegro_twin.cell.motion.other_objects import on_tray, points_in_tray, tray_filled
 from allegro_twin.cell.perception.cloud import finite
 from allegro_twin.cell.perception.errors import PerceptionRefusal, check_age
@@ -51,11 +51,10 @@ class Target:
         self.candidate, self.through, self.others = chosen.plan.candidate, chosen.plan.through, chosen.others
         self.found, self.solid = chosen.found, chosen.found.solid
 
-    def narrow(self, part: Detection) -> None:
+    def narrow(self, part: LiftedPart) -> None:
         """What looked like one object was several: this part was lifted, the others are still on the table."""
-        assert self.found is not None
-        self.others += tuple(one.points for one in self.found.instead if one is not part)
-        self.found, self.solid = part, part.solid
+        self.others += part.rest
+        self.found, self.solid = part.found, part.found.solid
 
 
 class Pictures:
@@ -217,7 +216,7 @@ class LiftedLook:
         self.check = check_camera(frame, cloud, target.found, others, moved, lift, settings)
         part = lifted_part(frame, cloud, target.found, others, moved, lift, settings) if self.check.left else None
         if part is not None:
-            target.narrow(part.found)
+            target.narrow(part)
             self.check = part.sight
         return self.check
 
