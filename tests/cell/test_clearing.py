@@ -15,6 +15,8 @@ from allegro_twin.cell.actions.cell_pictures import without_tray
 from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.camera.camera import CameraFrame
 from allegro_twin.cell.camera.intrinsics import Cloud
+from allegro_twin.cell.checks.camera_check import CameraCheck
+from allegro_twin.cell.checks.grasp_check import check_grasp
 from allegro_twin.cell.ground_truth import ObjectPlaces, object_places
 from allegro_twin.cell.motion.empty_grasp import empty_grasp
 from allegro_twin.cell.motion.other_objects import on_tray
@@ -247,6 +249,17 @@ def test_an_empty_table_on_which_things_were_seen_says_so_and_what_stands_outsid
     selector.put_away()
     selector.first(seen, frame, alone)
     assert not selector.warning
+
+
+def test_a_check_of_one_object_is_not_told_of_the_next_that_was_selected(monkeypatch: pytest.MonkeyPatch) -> None:
+    cell = cell_of(tray=TRAY.model_dump(), objects=[{"name": "apple", "at": [0.0, 0.03]}])
+    work, (frame, alone, seen) = CellActions(cell), looked(cell)
+    chosen = work.selector.first(seen, frame, alone)
+    work.held.found = check_grasp(0.2, 0.053, 1.0, 1.0, CameraCheck(), cell.settings.validation)
+    for answer in (None, chosen):
+        monkeypatch.setattr(work.table, "look", lambda *_, answer=answer: answer)
+        work.observe(MachineState("Look", 0.0), cell.arm.reset())
+        assert (work.held.found is None) == (answer is not None)
 
 
 def test_what_slipped_out_of_the_hand_into_the_tray_is_not_sought() -> None:

@@ -222,6 +222,7 @@ class CellActions:
         chosen = self.table.look(state, self.hand.state)
         if chosen is not None:
             self.target.select(chosen)
+            self.held.found = None  # That was of another try.
         done = self.target.candidate is not None
         return Observation(state.t, done=done, refused=self.table.refused, warning=self.selector.warning)
 
