@@ -266,7 +266,7 @@ def test_what_slipped_out_of_the_hand_into_the_tray_is_not_sought() -> None:
     full = cell_of(tray=TRAY.model_dump(), objects=[{"name": "apple", "at": [0.0, 0.03]}])
     selector, (frame, alone, seen) = ObjectSelector(full), looked(full)
     selector.first(seen, frame, alone)
-    selector.fell_into_tray()
+    selector.put_away()
     empty = cell_of(tray=TRAY.model_dump(), objects=[{"name": "apple", "at": [0.42, -0.42]}])
     frame, alone, seen = looked(empty)
     selector.first(seen, frame, alone)

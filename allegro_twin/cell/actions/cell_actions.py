@@ -223,8 +223,10 @@ class CellActions:
         if chosen is not None:
             self.target.select(chosen)
             self.held.found = None  # That was of another try.
-        done = self.target.candidate is not None
-        return Observation(state.t, done=done, refused=self.table.refused, warning=self.selector.warning)
+        table, done = self.table, self.target.candidate is not None
+        return Observation(
+            state.t, done=done, landed=table.landed, refused=table.refused, warning=self.selector.warning
+        )
 
     def _check(self, state: HandState, *, again: bool = False) -> Observation:
         if self._grasp is None:

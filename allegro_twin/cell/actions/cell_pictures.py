@@ -106,6 +106,8 @@ class TableLook:
         self._cell, self._pictures, self._selector, self._on_detection = cell, pictures, selector, on_detection
         self.refused: CellOutcome | None = None
         """Why the last picture had nothing to go for."""
+        self.landed = False
+        """Whether this look shows that what had left the hand over the tray is in it."""
         self.points_in_tray = np.zeros((0, 3))
         """Points of the tray and of its contents, (k, 3), world, m."""
         self._track: TargetTrack | None = None
@@ -114,7 +116,7 @@ class TableLook:
     def begin(self) -> None:
         """Look anew."""
         self._pictures.cancel()
-        self.refused, self._track = None, None
+        self.refused, self.landed, self._track = None, False, None
 
     def lose_over_tray(self) -> None:
         """An object left the hand over the tray: the next look tells whether it is in it."""
@@ -160,7 +162,8 @@ class TableLook:
         before = self.points_in_tray
         self.points_in_tray = points_in_tray(frame.pose.world(alone.astype(np.float64)), tray)
         if self._lost_over_tray and tray_filled(before, self.points_in_tray, self._cell.settings.perception.object.gap):
-            self._selector.fell_into_tray()
+            self.landed = True
+            self._selector.put_away()
         self._lost_over_tray = False
 
     def _steady(self, seen: Detection | PerceptionRefusal, time: float) -> Detection | PerceptionRefusal:
