@@ -215,5 +215,6 @@ def test_the_upper_of_a_stack_is_held_and_not_dropped_though_the_lower_stayed_wh
         )
     )
     assert (str(report.end), report.object_name, report.is_lifted) == ("held", "upper", True)
+    assert report.in_hand == ("upper",)
     assert "a part of what was seen as one object stayed behind" in report.end.sentence
     assert report.error < 0.006
