@@ -1,4 +1,4 @@
-"""Ground truth of a simulated cell: which objects are in the tray, on the table, or off it."""
+"""Ground truth of a simulated cell: which objects are in the tray, on the table, off it, or in the hand."""
 
 from __future__ import annotations
 
@@ -49,6 +49,20 @@ def object_places(cell: Cell) -> ObjectPlaces:
     within = tuple(name for name in names if inside(name))
     gone = tuple(name for name in names if name not in within and off(name))
     return ObjectPlaces(within, tuple(name for name in names if name not in (*within, *gone)), gone)
+
+
+def objects_in_hand(cell: Cell) -> tuple[str, ...]:
+    """Names of the objects that arm and hand, or what these carry, touch, and that neither table nor tray does."""
+    model = cell.robot.world.model
+    bodies = {model.body(each.name).id: each.name for each in cell.settings.objects}
+    touching = _touching(cell)
+    robot = int(model.body_rootid[model.jnt_bodyid[model.joint(cell.robot.spec.joints[0]).id]])
+    carried, new = set[int | str](), set[int | str]({robot})
+    while new:
+        carried |= new
+        near = {other for one in new for other in touching.get(one, ()) if other in bodies}
+        new = {one for one in near - carried if not touching[one] & {_TABLE, _TRAY}}
+    return tuple(name for body, name in bodies.items() if body in carried)
 
 
 def _touching(cell: Cell) -> dict[int | str, set[int | str]]:

@@ -15,7 +15,7 @@ from allegro_twin.cell.arm.impedance import Stiffness, stuck
 from allegro_twin.cell.arm.target import Smoothing
 from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.checks.grasp_check import GraspCheck
-from allegro_twin.cell.ground_truth import ObjectPlaces, object_places
+from allegro_twin.cell.ground_truth import ObjectPlaces, object_places, objects_in_hand
 from allegro_twin.cell.motion.arm_motion import ArmGuide, GuidedImpedance
 from allegro_twin.cell.motion.finger_paths import SteeredReference, finger_controller
 from allegro_twin.cell.perception.fits.model import Solid
@@ -42,6 +42,7 @@ M = TypeVar("M")
 SampleStage = Callable[[Iterable[Sample]], Iterator[Sample]]
 _LIFTED = 0.05  # m. Something that is higher than before by more is in the air.
 _STIRRED = 0.005  # m. Another object that has moved less stands where it stood.
+_UNSEEN = "it is out of the picture, too small, or lower than `perception.object.above`"
 _SLACK = (0.01, 0.1)  # m and rad: how far friction may keep the hand from its target, as of `Impedance`.
 
 
@@ -58,6 +59,7 @@ class LabReport:
     grasp: str | None
     """By the name of the scenario that it comes from."""
     checked: GraspCheck | None
+    """Of what was seen, at the last try; None where that did not come to it."""
     error: float
     """How far the solid's middle is from the thing's, m; NaN where nothing was found. Only a simulation knows."""
     lifted: float
@@ -77,6 +79,8 @@ class LabReport:
     """Those that have fallen off the table. Only a simulation knows."""
     believed: CellOutcome | None = None
     """How the cell itself takes it to have ended, where a simulation knows better, as `end` says."""
+    in_hand: tuple[str, ...] = ()
+    """Those that the hand carries. Only a simulation knows."""
 
     @property
     def is_lifted(self) -> bool:
@@ -228,7 +232,7 @@ class _Story:
         return LabReport(
             end, tuple(self._events), now.tries, target.solid, name, work.held.found, error, risen.get(chosen, 0.0),
             chosen, moved, now.released, places.in_tray, places.on_table, places.off_table,
-            None if end is now.end else now.end,
+            None if end is now.end else now.end, objects_in_hand(self._cell),
         )  # fmt: skip
 
     def _middles(self) -> dict[str, float]:
@@ -270,7 +274,7 @@ def other_than_cleared(end: CellOutcome, places: ObjectPlaces, cell: Cell) -> Ce
     if end.kind != "cleared" or not left or cell.settings.camera.source.kind != "simulated":
         return end
     where = [f"{', '.join(names)} {said}" for names, said in (
-        (places.on_table, "still on the table, which the camera does not see"),
+        (places.on_table, f"still on the table, where the cell sees no object: {_UNSEEN}"),
         (places.off_table, "neither in the tray nor on the table"),
     ) if names]  # fmt: skip
     return CellOutcome(

@@ -92,6 +92,8 @@ class Observation:
     """Whether something seems to be in the hand that is not held by that check."""
     warning: str = ""
     """What is told with it: of a sensor that does not decide."""
+    landed: bool = False
+    """Whether an object that had left the hand over the tray is seen to be in it, at this look."""
     refused: CellOutcome | None = None
     """Why there is nothing to grasp, by the newest picture, or no way to the tray."""
     fault: CellOutcome | None = None
@@ -147,6 +149,9 @@ def next_state(now: MachineState, observation: Observation, rules: StateRules) -
     late = observation.t - now.since >= rules.timeouts[now.state] - 1e-9
     match now.state:
         case "Look":
+            before = now
+            if observation.landed:
+                now = MachineState("Look", now.since, released=now.released + 1)
             if observation.done and rules.objects and now.released >= rules.objects:
                 return ended(now, observation.t, _cleared(now, _full(rules), observation.warning))
             if observation.done:
@@ -156,7 +161,7 @@ def next_state(now: MachineState, observation: Observation, rules: StateRules) -
                 return ended(
                     now, observation.t, _cleared(now, refused, observation.warning) if rules.objects else refused
                 )
-            return now
+            return before
         case "Retreat" if now.cause is not None:
             return _again(now, observation.t, rules, now.cause) if observation.done or late else now
         case "Validate":

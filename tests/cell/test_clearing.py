@@ -15,7 +15,9 @@ from allegro_twin.cell.actions.cell_pictures import without_tray
 from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.camera.camera import CameraFrame
 from allegro_twin.cell.camera.intrinsics import Cloud
-from allegro_twin.cell.ground_truth import ObjectPlaces, object_places
+from allegro_twin.cell.checks.camera_check import CameraCheck
+from allegro_twin.cell.checks.grasp_check import check_grasp
+from allegro_twin.cell.ground_truth import ObjectPlaces, object_places, objects_in_hand
 from allegro_twin.cell.motion.empty_grasp import empty_grasp
 from allegro_twin.cell.motion.other_objects import on_tray
 from allegro_twin.cell.perception.cloud import Mask
@@ -249,11 +251,22 @@ def test_an_empty_table_on_which_things_were_seen_says_so_and_what_stands_outsid
     assert not selector.warning
 
 
+def test_a_check_of_one_object_is_not_told_of_the_next_that_was_selected(monkeypatch: pytest.MonkeyPatch) -> None:
+    cell = cell_of(tray=TRAY.model_dump(), objects=[{"name": "apple", "at": [0.0, 0.03]}])
+    work, (frame, alone, seen) = CellActions(cell), looked(cell)
+    chosen = work.selector.first(seen, frame, alone)
+    work.held.found = check_grasp(0.2, 0.053, 1.0, 1.0, CameraCheck(), cell.settings.validation)
+    for answer in (None, chosen):
+        monkeypatch.setattr(work.table, "look", lambda *_, answer=answer: answer)
+        work.observe(MachineState("Look", 0.0), cell.arm.reset())
+        assert (work.held.found is None) == (answer is not None)
+
+
 def test_what_slipped_out_of_the_hand_into_the_tray_is_not_sought() -> None:
     full = cell_of(tray=TRAY.model_dump(), objects=[{"name": "apple", "at": [0.0, 0.03]}])
     selector, (frame, alone, seen) = ObjectSelector(full), looked(full)
     selector.first(seen, frame, alone)
-    selector.fell_into_tray()
+    selector.put_away()
     empty = cell_of(tray=TRAY.model_dump(), objects=[{"name": "apple", "at": [0.42, -0.42]}])
     frame, alone, seen = looked(empty)
     selector.first(seen, frame, alone)
@@ -356,6 +369,20 @@ def test_in_truth_an_object_is_in_the_tray_when_the_tray_carries_it_and_its_midd
     data.joint("leaning").qpos[:] = [edge - 0.02, y - 0.09, foot, np.cos(lean / 2.0), 0.0, np.sin(lean / 2.0), 0.0]
     mujoco.mj_forward(model, data)
     assert object_places(cell) == (("below", "above"), ("beside", "on_the_wall", "in_the_air", "leaning"), ("off",))
+
+
+def test_in_truth_the_hand_carries_what_it_touches_and_what_touches_that_and_nothing_on_the_table() -> None:
+    ball: dict[str, object] = {"shape": "sphere", "size": [0.04], "mass": 0.05}
+    names = ("first", "second", "apart", "stands")
+    cell = cell_of(objects=[{**ball, "name": name, "at": [0.1 * k - 0.1, 0.3]} for k, name in enumerate(names)])
+    cell.arm.reset(), cell.hand.reset()
+    model, data = cell.robot.world.model, cell.robot.world.data
+    assert objects_in_hand(cell) == ()
+    tip = data.site(cell.hand.spec.fingers[0].tip).xpos.copy()
+    for k, name in enumerate(names[:3]):
+        data.joint(name).qpos[:3] = tip + np.array([0.0, 0.0, (0.0, -0.0399, -0.1)[k]])
+    mujoco.mj_forward(model, data)
+    assert objects_in_hand(cell) == ("first", "second")
 
 
 @pytest.mark.slow

@@ -152,6 +152,9 @@ SEEN, HIDDEN, TABLE, FROZEN = (
     CameraCheck(left="the camera sees it"),
     CameraCheck(fresh=False),
 )
+PARTLY = CameraCheck(left="the camera sees it", incomplete=True)
+"""Something stands there, and some of the place is empty."""
+BEHIND = CameraCheck(gone=True, behind="a part stayed behind")
 
 
 @pytest.mark.parametrize("by", ["fingers", "torque", "force"])
@@ -182,6 +185,7 @@ def test_checks_that_disagree_and_checks_that_nothing_confirms_are_never_held(
         (0.0, HIDDEN, True),
         (0.0, CameraCheck(), False),
         (0.3, TABLE, False),
+        (0.3, PARTLY, False),
     ],
 )
 def test_a_miss_with_weight_a_sight_of_it_or_an_empty_place_may_be_in_the_hand_unless_it_is_seen_on_the_table(
@@ -190,6 +194,45 @@ def test_a_miss_with_weight_a_sight_of_it_or_an_empty_place_may_be_in_the_hand_u
     found = check_grasp(weight, 0.053, 1.0, 0.0, sight, SETTINGS)
     said = grasp_verdict(1.0, found, sight, lambda: False, SETTINGS)
     assert (said.held, said.loaded) == (False, loaded)
+
+
+@pytest.mark.parametrize(
+    ("weight", "press", "sight", "loaded"),
+    [
+        (0.3, 1.0, TABLE, True),  # Weight, torque and fingers against the camera.
+        (0.3, 0.09, TABLE, True),  # The fingers cannot tell.
+        (0.02, 1.0, PARTLY, True),  # A light part.
+        (0.02, 0.09, PARTLY, False),
+        (0.02, 1.0, TABLE, False),  # Fingers that hook into each other: the whole of it stands there.
+        (0.3, 0.0, PARTLY, False),  # A biased sensor and an empty hand.
+    ],
+)
+def test_what_force_torque_or_fingers_feel_is_put_back_though_the_camera_sees_something_on_the_table(
+    weight: float, press: float, sight: CameraCheck, loaded: bool
+) -> None:
+    found = check_grasp(weight, 0.053, 1.0, press, sight, SETTINGS)
+    said = grasp_verdict(1.0, found, sight, lambda: True, SETTINGS)
+    assert (said.held, said.loaded) == (False, loaded)
+
+
+@pytest.mark.parametrize(
+    ("weight", "torque", "press", "warning", "held"),
+    [
+        (0.3, 1.0, 1.0, "", True),
+        (0.3, 1.0, 1.0, "its zero moved", False),
+        (0.02, 1.0, 1.0, "", False),
+        (0.3, 1.0, 0.0, "", False),
+        (0.3, 0.0, 1.0, "", False),
+    ],
+)
+def test_a_part_is_held_where_weight_torque_and_fingers_agree_and_the_verdict_says_what_stayed_behind(
+    weight: float, torque: float, press: float, warning: str, held: bool
+) -> None:
+    found = replace(check_grasp(weight, 0.053, torque, press, BEHIND, SETTINGS), warning=warning)
+    said = grasp_verdict(1.0, found, BEHIND, lambda: True, SETTINGS)
+    assert (said.held is True, said.warning == "a part stayed behind") == (held, held)
+    if not held:
+        assert said.loaded or said.fault is not None  # The hand does not open in the air.
 
 
 def test_a_hand_that_presses_on_something_that_nothing_confirms_says_what_is_missing() -> None:

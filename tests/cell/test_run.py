@@ -201,3 +201,20 @@ def test_a_table_that_is_not_at_the_cells_height_is_a_fault_before_the_arm_goes_
     assert str(report.end) == "fault: table"
     assert "the table stands 30 mm higher than the cell's" in report.end.sentence
     assert "ToTargetPose" not in states(report)
+
+
+@pytest.mark.slow
+def test_the_upper_of_a_stack_is_held_and_not_dropped_though_the_lower_stayed_where_it_stood() -> None:
+    report = perform(
+        cell_of(
+            decide=SETTINGS.decide.model_dump() | {"retries": 0},
+            objects=[
+                {"name": "lower", "shape": "box", "size": [0.06, 0.06, 0.05], "mass": 0.2, "at": [0.0, 0.0]},
+                {"name": "upper", "shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.1, "at": [0.0, 0.0, 0.075]},
+            ],
+        )
+    )
+    assert (str(report.end), report.object_name, report.is_lifted) == ("held", "upper", True)
+    assert report.in_hand == ("upper",)
+    assert "a part of what was seen as one object stayed behind" in report.end.sentence
+    assert report.error < 0.006

@@ -235,6 +235,19 @@ def test_a_table_is_cleared_when_a_look_finds_nothing_and_nothing_was_left() -> 
     assert str(end) == "missed: left"
 
 
+def test_what_left_the_hand_over_the_tray_and_is_seen_in_it_counts_as_put_away_and_the_next_has_its_own_tries() -> None:
+    lost = CellOutcome("missed", "", "it was lost on the way to the tray")
+    now = MachineState("Look", 0.5, 2, released=4, left=(lost,), earlier=(lost,))
+    nothing = CellOutcome("refused", "no_object", "nothing stands on the table")
+    seen = Observation(0.6, landed=True, refused=nothing)
+    assert next_state(now, seen, CLEARING) is now
+    assert next_state(now, replace(seen, t=1.5), replace(CLEARING, objects=9)).end == CellOutcome(
+        "cleared", "", "5 objects put away"
+    )
+    after = next_state(now, Observation(0.6, done=True, landed=True), replace(CLEARING, objects=9))
+    assert after == MachineState("ToTargetPose", 0.6, released=5)
+
+
 def test_what_is_left_is_named_with_what_the_last_look_and_every_miss_said() -> None:
     unclear = Observation(1.0, refused=CellOutcome("refused", "unclear", "the thing at (0, 0) is no ball"))
     left = (CellOutcome("missed", "", "it slipped"), CellOutcome("missed", "", "it slipped"))

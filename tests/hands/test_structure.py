@@ -393,3 +393,18 @@ def test_a_palm_whose_fingers_close_on_each_other_faces_along_them(tmp_path: Pat
     path = tmp_path / "three.xml"
     path.write_text(radial(3))
     assert explore_hand(path).card["palm"] == {"facing": [0.0, 0.0, 1.0], "fingers": [-1.0, 0.0, 0.0]}
+
+
+@pytest.mark.parametrize(
+    ("file", "side", "noted"),
+    [("three_left", "right", "left"), ("three_left", "left", ""), ("right_hand", "left", "right")],
+)
+def test_a_file_whose_name_says_the_other_side_than_the_card_is_noted(
+    tmp_path: Path, file: str, side: Any, noted: str
+) -> None:
+    path = tmp_path / f"{file}.xml"
+    path.write_text(mjcf(f"{PALM}{INDEX}{THUMB}</body>", servos(*ALL)))
+    notes = [note for note in explore_hand(path, side=side).notes if "--side" in note]
+    assert notes == (
+        [f"the file's name says {noted}, and the card is a {side} hand's: say `--side {noted}`"] * bool(noted)
+    )

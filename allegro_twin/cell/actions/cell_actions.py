@@ -222,8 +222,11 @@ class CellActions:
         chosen = self.table.look(state, self.hand.state)
         if chosen is not None:
             self.target.select(chosen)
-        done = self.target.candidate is not None
-        return Observation(state.t, done=done, refused=self.table.refused, warning=self.selector.warning)
+            self.held.found = None  # That was of another try.
+        table, done = self.table, self.target.candidate is not None
+        return Observation(
+            state.t, done=done, landed=table.landed, refused=table.refused, warning=self.selector.warning
+        )
 
     def _check(self, state: HandState, *, again: bool = False) -> Observation:
         if self._grasp is None:

@@ -12,7 +12,7 @@ from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.camera.camera import CameraFrame
 from allegro_twin.cell.camera.intrinsics import Cloud
 from allegro_twin.cell.camera.sources import RecordedCamera
-from allegro_twin.cell.checks.camera_check import CameraCheck, check_camera, lifted_part
+from allegro_twin.cell.checks.camera_check import CameraCheck, LiftedPart, check_camera, lifted_part
 from allegro_twin.cell.motion.other_objects import on_tray, points_in_tray, tray_filled
 from allegro_twin.cell.perception.cloud import finite
 from allegro_twin.cell.perception.errors import PerceptionRefusal, check_age
@@ -51,11 +51,10 @@ class Target:
         self.candidate, self.through, self.others = chosen.plan.candidate, chosen.plan.through, chosen.others
         self.found, self.solid = chosen.found, chosen.found.solid
 
-    def narrow(self, part: Detection) -> None:
+    def narrow(self, part: LiftedPart) -> None:
         """What looked like one object was several: this part was lifted, the others are still on the table."""
-        assert self.found is not None
-        self.others += tuple(one.points for one in self.found.instead if one is not part)
-        self.found, self.solid = part, part.solid
+        self.others += part.rest
+        self.found, self.solid = part.found, part.found.solid
 
 
 class Pictures:
@@ -107,6 +106,8 @@ class TableLook:
         self._cell, self._pictures, self._selector, self._on_detection = cell, pictures, selector, on_detection
         self.refused: CellOutcome | None = None
         """Why the last picture had nothing to go for."""
+        self.landed = False
+        """Whether this look shows that what had left the hand over the tray is in it."""
         self.points_in_tray = np.zeros((0, 3))
         """Points of the tray and of its contents, (k, 3), world, m."""
         self._track: TargetTrack | None = None
@@ -115,7 +116,7 @@ class TableLook:
     def begin(self) -> None:
         """Look anew."""
         self._pictures.cancel()
-        self.refused, self._track = None, None
+        self.refused, self.landed, self._track = None, False, None
 
     def lose_over_tray(self) -> None:
         """An object left the hand over the tray: the next look tells whether it is in it."""
@@ -161,7 +162,8 @@ class TableLook:
         before = self.points_in_tray
         self.points_in_tray = points_in_tray(frame.pose.world(alone.astype(np.float64)), tray)
         if self._lost_over_tray and tray_filled(before, self.points_in_tray, self._cell.settings.perception.object.gap):
-            self._selector.fell_into_tray()
+            self.landed = True
+            self._selector.put_away()
         self._lost_over_tray = False
 
     def _steady(self, seen: Detection | PerceptionRefusal, time: float) -> Detection | PerceptionRefusal:
@@ -217,7 +219,7 @@ class LiftedLook:
         self.check = check_camera(frame, cloud, target.found, others, moved, lift, settings)
         part = lifted_part(frame, cloud, target.found, others, moved, lift, settings) if self.check.left else None
         if part is not None:
-            target.narrow(part.found)
+            target.narrow(part)
             self.check = part.sight
         return self.check
 

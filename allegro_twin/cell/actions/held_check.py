@@ -29,7 +29,7 @@ class HeldCheck:
     def __init__(self, cell: Cell, hand: HandMonitor, forces: ForceSamples, lifted: LiftedLook) -> None:
         self._cell, self._hand, self._forces, self._lifted = cell, hand, forces, lifted
         self.found: GraspCheck | None = None
-        """What the verdict goes by."""
+        """What the verdict goes by; None from when an object is selected until it is checked."""
 
     def check(
         self, state: HandState, target: Target, grasp: Grasp, grasped: Pose, *, again: bool = False

@@ -139,18 +139,26 @@ def grasp_verdict(
     Held is what the deciding check says and no other denies, and what something beside the hand's own joints confirms:
     weight, or the camera that sees it in the hand. What is too light to be weighed and hidden by the hand is confirmed
     by fingers that press for `sure`, once a new picture does not show it on the table. Where the fingers cannot tell,
-    it takes weight and camera both, the first time, and torque. A fault where the force sensor decides and is doubted,
-    and where checks disagree or nothing confirms.
+    it takes weight and camera both, the first time, and torque. What left a part of itself behind is confirmed by a
+    weight that is not doubted or by the camera. A fault where the force sensor decides and is doubted, and where checks
+    disagree or nothing confirms.
+
+    What the camera sees on the table is a miss, and seems to be in the hand besides where torques stop the fingers, and
+    they do not say that it is empty, and weight says that it is not, or they do and some of its place is seen empty.
     """
     if found.warning and settings.by == "force":
         return Observation(t, fault=CellOutcome("fault", "force sensor", found.warning))
     weighed = found.by_force is True and not found.warning
     confirmed = (weighed or sight.there) if again else (weighed and sight.there)
     unsure = found.by_fingers is None and found.by_torque and found.held is not False and not sight.left
+    held = Observation(t, held=True, warning="; ".join(filter(None, (sight.behind, found.warning))))
     if unsure and confirmed:
-        return Observation(t, held=True, warning=found.warning)
+        return held
     if sight.left or not (found.held or (unsure and again)):
-        loaded = not sight.left and (found.by_force is True or sight.there or sight.gone)
+        loaded = found.by_force is True or sight.there or sight.gone
+        if sight.left:
+            pressed = found.by_torque and found.by_fingers is not False
+            loaded = pressed and (found.by_force is True or (found.by_fingers is True and sight.incomplete))
         little = ""
         if found.held is None:
             little = (
@@ -171,11 +179,12 @@ def grasp_verdict(
         )
         said += f"{found.between:.2f} N·m press on something; see what the fingers do before the hand is opened"
         return Observation(t, fault=CellOutcome("fault", "checks disagree", said))
-    if unsure or not (found.by_force or found.by_camera or (sight.fresh and sure())):
+    alone = not sight.behind and (found.by_force is True or (sight.fresh and sure()))
+    if unsure or not (weighed or found.by_camera or alone):
         said = (
             f"the fingers press with {found.between:.2f} N·m, and nothing confirms that on an object: it weighs "
             f"{1e3 * found.weight:.0f} g of the {1e3 * found.least:.0f} g that can be told, and {sight.hidden}; see "
             "what is in the hand before it is opened"
         )
         return Observation(t, fault=CellOutcome("fault", "not confirmed", said))
-    return Observation(t, held=True, warning=found.warning)
+    return held

@@ -69,7 +69,6 @@ class ObjectSelector:
         self._failed = list[tuple[str, Solid]]()  # Names of grasps that did not hold, and what.
         self.released = 0
         """Objects that were put away."""
-        self._fell = 0  # Objects that got into the tray by themselves.
         self._most = 0  # Things that were on the table and in the tray at a time.
         self.warning = ""
         """What has become of things that were seen and are neither put away nor on the table; empty where all are."""
@@ -80,10 +79,6 @@ class ObjectSelector:
         self._left.clear()
         if self._adapter is not None:
             self._adapter.forget_failures()
-
-    def fell_into_tray(self) -> None:
-        """One slipped out of the hand, and the tray is seen to be fuller."""
-        self._fell += 1
 
     def missed(self, card: StoredGrasp, solid: Solid, *, leave: bool) -> None:
         """A grasp did not hold a solid: it is tried otherwise, or is left for later."""
@@ -98,7 +93,7 @@ class ObjectSelector:
         otherwise the reason. `alone`: the picture's cloud without arm and hand."""
         readings, refused = self._readings(detections), dict[int, CellOutcome]()
         on_table = _least_count(detections)
-        self._most = max(self._most, self.released + self._fell + on_table)
+        self._most = max(self._most, self.released + on_table)
         for clear in (CLEAR, _TIGHT):
             for number, each in enumerate(readings):
                 if isinstance(each, PerceptionRefusal):
@@ -116,7 +111,7 @@ class ObjectSelector:
                     refused[number] = chosen
             if len(readings) == 1:
                 break
-        gone = self._most - self.released - self._fell
+        gone = self._most - self.released
         nothing = all(isinstance(each, PerceptionRefusal) and each.reason == "no_object" for each in detections)
         said = f"{self._most} object{'s were' if self._most > 1 else ' was'} seen: see what has become of {gone}"
         self.warning = said if nothing and gone > 0 else ""

@@ -55,11 +55,13 @@ def order_by_name(
     names: Sequence[str], spec: HandSpec, where: str, known: Mapping[str, int] | None = None
 ) -> tuple[int, ...]:
     """Where in the spec's order each of a file's joints is. Raises ConfigError for names of another hand, and joints
-    that are missing or come twice. `known`: `joint_names` of the spec, for whoever asks often."""
+    that are missing, come twice or follow others. `known`: `joint_names` of the spec, for whoever asks often."""
     known = joint_names(spec) if known is None else known
-    found = []
+    found, coupled = [], {each.name for each in spec.followers}
     for name in names:
         bare = name.rsplit("/", 1)[-1].rsplit(":", 1)[-1]
+        if bare in coupled:
+            raise ConfigError(f"{where}: {name!r} follows another joint of {spec.name}: {_leave_out(spec)}")
         if bare not in known:
             raise ConfigError(f"{where}: {name!r} is no joint of {spec.name}: is it another hand's grasp (--hand)?")
         found.append(known[bare])
@@ -78,6 +80,10 @@ def reorder_joints(joints: Array, spec: HandSpec, where: str, order: str | tuple
     """
     width = joints.shape[-1]
     if width != spec.n_joints:
+        if spec.followers and width == len(spec.all_joints):
+            raise ConfigError(
+                f"{where}: {width} joints, of which {spec.name} drives {spec.n_joints}: {_leave_out(spec)}"
+            )
         whose = _HANDS.get(width, "another hand's")
         raise ConfigError(f"{where}: {width} joints; {spec.name} has {spec.n_joints}: they are {whose} (--hand)")
     if isinstance(order, str) and order not in joint_orders(spec):
@@ -88,6 +94,11 @@ def reorder_joints(joints: Array, spec: HandSpec, where: str, order: str | tuple
     found = permute_joints(joints, given) if given is not None else joints
     _in_range(found, joints, spec, where)
     return found
+
+
+def _leave_out(spec: HandSpec) -> str:
+    """What to do about joints that follow others."""
+    return f"leave out those that follow; it has {', '.join(spec.joints)}"
 
 
 def permute_joints(joints: Array, order: Sequence[int]) -> Array:

@@ -10,7 +10,7 @@ from allegro_twin.hands.library.entries import HAND
 from allegro_twin.learning.environments.objects import ObjectChoice, object_name
 from allegro_twin.learning.environments.settings import Level
 from allegro_twin.learning.tasks.grasp import GraspTask
-from allegro_twin.learning.tasks.scenes import TaskScene, presented_scene
+from allegro_twin.learning.tasks.scenes import GIVE_OBJECTS, TaskScene, presented_scene
 from allegro_twin.learning.tasks.scripted_closing import EASY, HARD, ObjectVariation
 
 # Scenario of the taxonomy for each: where the palm goes, and the grasp.
@@ -29,8 +29,8 @@ class PinchTask(GraspTask):
 
     def object_choices(self) -> tuple[ObjectChoice, ...]:
         if self.settings.objects is None and self.spec.model != HAND:
-            raise ConfigError(f"Pinch: the library has no pinches of small balls with {self.spec.model}: give "
-                              "objects=('scenario.yaml', …), or take the task Grasp")  # fmt: skip
+            raise ConfigError(f"Pinch: the library has no pinches of small balls with {self.spec.model}: "
+                              f"{GIVE_OBJECTS}, or take the task Grasp")  # fmt: skip
         return self.settings.objects or tuple(_SCENARIOS)
 
     def make_scene(self, choice: ObjectChoice, grasp: str | None) -> TaskScene:

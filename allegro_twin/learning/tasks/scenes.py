@@ -49,6 +49,12 @@ class TaskScene:
     """From the place of the grasp to where the palm waits, relative to the object, (3,), m, world axes."""
 
 
+GIVE_OBJECTS = (
+    "give objects=('scenario.yaml', …), or the path of a recipe with `environment: {objects: [scenario.yaml, …]}`"
+)
+"""How to say what a task is done with, in Python and on the command line."""
+
+
 @cache
 def known_scenarios(hand: str = HAND) -> dict[str, str]:
     """Scenarios of the catalogue's objects for a model of hand, read once."""
@@ -63,8 +69,8 @@ def grasped_from_above(hand: str = HAND) -> tuple[str, ...]:
 def require_objects(names: tuple[str, ...], spec: HandSpec, task: str) -> tuple[str, ...]:
     """The default objects of a task. Raises ConfigError for a hand without grasps in the package."""
     if not names:
-        raise ConfigError(f"{task}: the package has no scenarios of {spec.model}: give objects=('scenario.yaml', …) "
-                          f"as allegro-twin plan OBJECT --hand {spec.model_reference} writes them")  # fmt: skip
+        raise ConfigError(f"{task}: the package has no scenarios of {spec.model}: {GIVE_OBJECTS}, as allegro-twin plan "
+                          f"OBJECT --hand {spec.model_reference} writes them")  # fmt: skip
     return names
 
 

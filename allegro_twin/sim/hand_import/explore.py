@@ -18,6 +18,7 @@ from allegro_twin.sim.hand_import.gains import BANDWIDTH, MotorJoint, motor_gain
 from allegro_twin.sim.hand_import.imported_motor import ImportedMotor, read_motors
 from allegro_twin.sim.hand_import.structure import FingerStructure, HandStructure, find_structure
 from allegro_twin.sim.hand_import.urdf import is_urdf, read_urdf, touching_note, touching_pairs
+from allegro_twin.spec import Side
 from allegro_twin.types import Array
 
 _POINTS, _LOOKS, _LONGEST = 11, 0.1, 20.0  # Positions of a driven joint that are tried; s until a look whether all has
@@ -57,12 +58,14 @@ class ExploredHand(NamedTuple):
 
 
 def explore_hand(
-    path: Path, root: str | None = None, palm: str | None = None, fingers: Mapping[str, str] | None = None
-) -> ExploredHand:
+    path: Path, root: str | None = None, palm: str | None = None, fingers: Mapping[str, str] | None = None,
+    side: Side = "right",
+) -> ExploredHand:  # fmt: skip
     """Read a hand, and move each of its motors alone through its range, without gravity and contacts.
 
     `root`: the body that stands still; None: the one under the world that carries all motors. `palm`, `fingers`: what
-    `find_structure` takes. Raises ConfigError for a file without a hand that can be driven.
+    `find_structure` takes. `side`: which hand its card is to be, for a note where the file's name says the
+    other. Raises ConfigError for a file without a hand that can be driven.
     """
     spec, notes = _read(path)
     model = _compiled(spec, path)
@@ -76,7 +79,7 @@ def explore_hand(
     ways = [_tip_paths(model, moves, k, structure) for k in range(len(motors))]
     followers, free, more = _followers(model, motors, moves, path)
     notes += more
-    notes += _notes(model, structure, motors, free, path)
+    notes += _notes(model, structure, motors, free, path, side)
     touching = _touching(model, structure)
     if touching:
         notes.append(touching_note(touching))
@@ -212,8 +215,9 @@ def _finger_row(
 
 
 def _notes(
-    model: mujoco.MjModel, structure: HandStructure, motors: Sequence[ImportedMotor], free: Sequence[str], path: Path
-) -> list[str]:
+    model: mujoco.MjModel, structure: HandStructure, motors: Sequence[ImportedMotor], free: Sequence[str], path: Path,
+    side: Side,
+) -> list[str]:  # fmt: skip
     """Raises ConfigError for a hand of more than a metre."""
     if not structure.fingers:
         return ["no finger was found: nothing that moves hangs on the palm"]
@@ -241,8 +245,9 @@ def _notes(
     if turning:
         notes.append(f"ranges of more than a whole turn, rad: {', '.join(turning)}: are they in degrees?")
     called = re.split(r"[^a-z]+", path.stem.lower())
-    if "left" in called and "right" not in called:
-        notes.append("the file's name says left: with `--side left` the card is a left hand's, else a right one's")
+    other: Side = "left" if side == "right" else "right"
+    if other in called and side not in called:
+        notes.append(f"the file's name says {other}, and the card is a {side} hand's: say `--side {other}`")
     if structure.wrist:
         names = ", ".join(model.joint(joint).name for joint in structure.wrist)
         notes.append(f"a wrist: {names}, between {structure.root} and {model.body(structure.palm).name}")

@@ -207,6 +207,15 @@ def test_a_leap_hands_joints_go_by_the_ids_of_their_servos() -> None:
         assert "servos" not in joint_orders(spec)
 
 
+def test_joints_that_follow_others_are_refused_with_those_that_the_file_is_to_have() -> None:
+    sih = load_spec("sih")
+    way = "leave out those that follow; it has thumb_flexion, index, middle, ring_little, thumb_rotation"
+    with pytest.raises(ConfigError, match=f"'urdf/index_0' follows another joint of sih_right: {way}"):
+        order_by_name([*sih.joints, *(f"urdf/{each.name}" for each in sih.followers)], sih, "a.npy")
+    with pytest.raises(ConfigError, match=f"{len(sih.all_joints)} joints, of which sih_right drives 5: {way}"):
+        reorder_joints(np.zeros((1, 3, len(sih.all_joints))), sih, "a.npy")
+
+
 @pytest.mark.parametrize("order", ["tree", "breadth", "thumb_first"])
 def test_another_order_of_joints_is_found_out_and_named(tmp_path: Path, spec: HandSpec, order: str) -> None:
     record = bench(spec)

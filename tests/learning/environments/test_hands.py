@@ -328,7 +328,9 @@ def test_a_card_of_ones_own_is_a_hand_too(tmp_path: Path) -> None:
     assert env.reset(seed=0)[0].shape == (17,)  # type: ignore[union-attr]  # An array.
     named = tmp_path / "gripper.yaml"
     named.write_text(path.read_text().replace("../../models", str(data_root() / "models")))
-    with pytest.raises(ConfigError, match="no scenarios of gripper: give objects"):
+    with pytest.raises(
+        ConfigError, match=r"no scenarios of gripper: give objects=.*a recipe with `environment: \{objects: "
+    ):
         HandEnv("Grasp", hand=str(named))
     HandEnv("Reach", hand=str(named)).reset(seed=0)
 

@@ -149,14 +149,49 @@ def test_a_wrong_option_is_one_line_before_anything_moves(words: list[str], said
     assert said in errors
 
 
-def test_an_object_that_stands_on_the_table_already_is_refused_by_name(command: Run, tmp_path: Path) -> None:
+def two_on_the_table(folder: Path) -> Path:
     text = (data_root() / "conf/lab_allegro.yaml").read_text()
-    config = tmp_path / "two.yaml"
-    two = "objects: [{name: apple}, {name: lemon, at: [0.1, 0.1]}]"
-    config.write_text(re.sub("(?m)^objects:.*", two, text))
-    code, _, errors = command("lab", config, "--object", "lemon")
+    config = folder / "two.yaml"
+    slab = "{name: slab, shape: box, size: [0.03, 0.06, 0.09], mass: 0.1, at: [0.1, 0.1]}"
+    config.write_text(re.sub("(?m)^objects:.*", f"objects: [{{name: apple}}, {slab}]", text))
+    return config
+
+
+def test_an_object_that_stands_on_the_table_is_chosen_by_its_name_and_nothing_is_replaced(
+    command: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    heard: list[Any] = []
+
+    def perform(cell: Any, **stages: Any) -> LabReport:
+        heard.append((cell.wanted.name, [each.name for each in cell.settings.objects]))
+        return LabReport(CellOutcome("held"), (), 1, None, None, None, float("nan"), 0.15, "slab")
+
+    monkeypatch.setattr(run, "perform", perform)
+    config = two_on_the_table(tmp_path)
+    for name in ("slab", "apple"):
+        assert command("lab", config, "--object", name)[0] == 0
+    assert heard == [("slab", ["apple", "slab"]), ("apple", ["apple", "slab"])]
+
+
+def test_a_mesh_of_the_name_of_another_object_on_the_table_is_refused_with_both_ways_out(
+    command: Run, tmp_path: Path
+) -> None:
+    solid = cracker()
+    file = obj(tmp_path / "slab.obj", solid.vertices, solid.faces.tolist())
+    code, _, errors = command("lab", two_on_the_table(tmp_path), "--object", file)
     assert (code, errors.count("\n")) == (2, 1)
-    assert "--object lemon: another lemon is on the table" in errors
+    assert "another slab is on the table; rename one" in errors
+    assert "--object slab takes that one" in errors
+
+
+def test_another_object_that_the_hand_carries_too_was_not_moved_but_is_in_the_hand() -> None:
+    both = LabReport(
+        CellOutcome("held"), (), 1, None, None, None, 0.0, 0.15, "right", (("left", 0.144), ("pea", 0.02)),
+        in_hand=("left", "right"),
+    )  # fmt: skip
+    assert lab.outcome_lines(both)[:2] == [
+        "another object, left, is in the hand, too", "another object, pea, was moved by 20 mm"
+    ]  # fmt: skip
 
 
 def test_what_is_put_away_and_is_not_in_the_tray_in_truth_is_named_with_where_it_is() -> None:

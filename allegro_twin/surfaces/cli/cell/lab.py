@@ -30,7 +30,8 @@ _CODES = {"held": 0, "cleared": 0, "missed": 5, "refused": 5, "fault": 4}
 def lab(
     config: Annotated[Path, typer.Argument(help="Config of a cell, such as conf/lab_allegro.yaml.")],
     object_name: Annotated[
-        str | None, typer.Option("--object", help="Object of the catalogue or mesh file, for the first.")
+        str | None,
+        typer.Option("--object", help="Object on the table; or of the catalogue, or a mesh file, for the first."),
     ] = None,
     scale: Annotated[
         float | None,
@@ -84,9 +85,10 @@ def lab(
     options.refuse_mesh(config)
     file = find_file(config, "config", "conf")
     settings = load_settings(LabSettings, file)
+    objects, wanted = _objects(settings, object_name, scale, file.parent)
     settings = settings.model_copy(
         update={
-            "objects": _objects(settings, object_name, scale, file.parent),
+            "objects": objects,
             "seed": settings.seed if seed is None else seed,
             "tray": TraySettings() if clear and settings.tray is None else settings.tray,
         }
@@ -98,7 +100,7 @@ def lab(
             f"{'--clear' if clear else '--film'} is of a cell that picks by itself, and with "
             f"{'--follow' if follow else '--panel'} somebody leads it: leave out one of them"
         )
-    cell = make_cell(settings, wanted=None if object_name is None else settings.objects[0].name)
+    cell = make_cell(settings, wanted=wanted)
     report, unwritten = None, ""
     try:
         with options.interruptible(film), ExitStack() as stack:
@@ -136,29 +138,34 @@ def lab(
 
 def _objects(
     settings: LabSettings, object_name: str | None, scale: float | None, folder: Path
-) -> tuple[TableObjectSettings, ...]:
-    """What stands on the table, with `object_name` where the first one would; files are those of the config's folder.
-    Raises ConfigError."""
+) -> tuple[tuple[TableObjectSettings, ...], str | None]:
+    """What stands on the table, and the name of what is wanted: the object of that name, or else what `object_name`
+    is, where the first one would stand; files are those of the config's folder. Raises ConfigError."""
     from allegro_twin.cell.settings import TableObjectSettings
     from allegro_twin.grasping.scenario import parse_object
 
-    first, *others = settings.objects
-    if object_name is not None:
+    objects, place = list(settings.objects), 0
+    names = [each.name for each in objects]
+    if object_name in names:
+        place = names.index(object_name)
+    elif object_name is not None:
+        first = objects[0]
         placed, asked = {"at": first.at, "yaw": first.yaw}, parse_object(object_name)
-        if any(each.name == asked.name for each in others):
+        if asked.name in names[1:]:
             raise ConfigError(
                 f"--object {object_name}: another {asked.name} is on the table; rename one: objects have different "
-                "names"
+                f"names. --object {asked.name} takes that one"
             )
-        first = TableObjectSettings(**{**asked.model_dump(exclude_unset=True), **placed})
+        objects[0] = TableObjectSettings(**{**asked.model_dump(exclude_unset=True), **placed})
     if scale is not None:
-        if object_name is None or first.file is None:
-            raise ConfigError(f"--scale is for the mesh of --object; {first.name} is none")
-        first = first.model_copy(update={"scale": scale})
-    return tuple(
+        if object_name is None or objects[place].file is None:
+            raise ConfigError(f"--scale is for the mesh of --object; {objects[place].name} is none")
+        objects[place] = objects[place].model_copy(update={"scale": scale})
+    found = tuple(
         each if each.file is None else each.model_copy(update={"file": (folder / each.file).resolve()})
-        for each in (first, *others)
+        for each in objects
     )
+    return found, None if object_name is None else objects[place].name
 
 
 def _observers(
@@ -231,7 +238,9 @@ def outcome_lines(report: LabReport) -> list[str]:
         said = "; ".join(f"{where}: {', '.join(names)}" for where, names in places.items() if names)
         lines.append(f"{report.released} put into the tray; in truth {said or 'none is in it'}")
         return [*lines, f"{report.end}; {report.end.sentence}"]
-    lines += [f"another object, {name}, was moved by {1e3 * way:.0f} mm" for name, way in report.moved]
+    for name, way in report.moved:
+        said = "is in the hand, too" if name in report.in_hand else f"was moved by {1e3 * way:.0f} mm"
+        lines.append(f"another object, {name}, {said}")
     lines += [f"another object, {name}, fell off the table" for name in report.off_table if name != report.object_name]
     sentence = f"; {report.end.sentence}" if report.end.sentence else ""
     return [*lines, f"{report.end}{sentence}"]

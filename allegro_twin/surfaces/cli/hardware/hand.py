@@ -150,7 +150,7 @@ def new(
     for path in (card, config):
         if path.exists() and not force:
             raise ConfigError(f"{path} is there already: --force writes over it, --name calls the hand something else")
-    _write_hand(model, called, side, out, explore_hand(model, root, palm, fingers), film=film)
+    _write_hand(model, called, side, out, explore_hand(model, root, palm, fingers, side), film=film)
 
 
 def _pair(text: str) -> tuple[str, str]:
