@@ -59,7 +59,7 @@ class LabReport:
     grasp: str | None
     """By the name of the scenario that it comes from."""
     checked: GraspCheck | None
-    """Of what was seen, at the last try; None where that did not come to it."""
+    """Check of what was seen, at the last try; None where that did not come to it."""
     error: float
     """How far the solid's middle is from the thing's, m; NaN where nothing was found. Only a simulation knows."""
     lifted: float

@@ -53,7 +53,7 @@ class CameraCheck:
     left: str = ""
     """Why it is not in the hand: where something is on the table that should be in the air."""
     incomplete: bool = False
-    """Of the places where its points were, some are seen empty."""
+    """Some of the places where its points were are seen empty."""
     behind: str = ""
     """That only a part of what was seen as one object was lifted, and where the rest stands."""
     fresh: bool = True
