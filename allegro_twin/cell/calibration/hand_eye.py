@@ -162,11 +162,12 @@ def calibrate_hand_eye(views: Sequence[PatternView], lens: Intrinsics, *, at_the
     """Solve for the camera. `at_the_wrist`: it moves with the arm, and the pattern lies still; otherwise the pattern
     moves with the arm.
 
-    Raises ConfigError, one line, for too few pictures, for postures that turn the camera too little or about one axis
-    only, and for arm and pictures that do not belong together.
+    Raises ConfigError, one line, for too few pictures, for one that is there twice, for postures that turn the camera
+    too little or about one axis only, and for arm and pictures that do not belong together.
     """
     if len(views) < FEWEST:
         raise ConfigError(f"{len(views)} pictures show the pattern; hand-eye calibration needs {FEWEST}, better 15")
+    _check_different(views)
     moved = [_inverse(view.arm) if at_the_wrist else view.arm for view in views]
     turn = _second_turn(moved)
     if turn < LEAST_TURN:
@@ -204,6 +205,18 @@ _ASK = (
     "are the poses those of the flange in the base, in m and as w x y z, one for each picture; are the squares as "
     "large as stated?"
 )
+
+
+def _check_different(views: Sequence[PatternView]) -> None:
+    """Raise ConfigError for a picture that is there twice, under its name or another: no two pictures of a camera have
+    the same corners to the last bit, and a copy says nothing new of the error."""
+    names = dict[bytes, str]()
+    for view in views:
+        corners = np.ascontiguousarray(view.pixels).tobytes()
+        if corners in names:
+            same = "is listed twice" if names[corners] == view.name else f"is the same picture as {names[corners]}"
+            raise ConfigError(f"{view.name} {same}: a picture counts once; leave one out")
+        names[corners] = view.name
 
 
 def _check_unit(moved: Sequence[Pose], seen: Sequence[Pose]) -> None:

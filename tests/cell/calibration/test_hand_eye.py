@@ -72,6 +72,15 @@ def test_too_few_pictures_are_refused() -> None:
         calibrate_hand_eye(pattern_views(1, 5), LENS, at_the_wrist=True)
 
 
+@pytest.mark.parametrize(
+    ("name", "said"), [("01.png", r"01\.png is listed twice"), ("99.png", r"99\.png is the same picture as 01\.png")]
+)
+def test_a_picture_that_is_there_twice_is_refused_under_whatever_name(name: str, said: str) -> None:
+    views = pattern_views(1, 5)
+    with pytest.raises(ConfigError, match=f"{said}: a picture counts once"):
+        calibrate_hand_eye([*views, views[1]._replace(name=name)], LENS, at_the_wrist=True)
+
+
 def test_postures_that_hardly_turn_are_refused_with_the_turn_that_they_lack() -> None:
     with pytest.raises(ConfigError, match=r"the 15 postures turn by [0-3]\.\d° about a second axis, less than 8°"):
         calibrate_hand_eye(pattern_views(1, tilt=3.0), LENS, at_the_wrist=True)
