@@ -136,11 +136,14 @@ def calibrate_folder(folder: Path, *, at_the_wrist: bool) -> FolderCalibration:
 def _contradiction(found: HandEyeCalibration, settings: CalibrationFolder) -> str:
     """One line, or none."""
     told, square, lens = [], 1e3 * settings.pattern.square, settings.intrinsics
-    for length, factor, _ in found.contradicted:
-        if length == "square":
-            told.append(f"squares of {factor * square:.1f} mm, and `square` says {square:g}")
+    for wrong in found.contradicted:
+        if wrong.stated == "principal":
+            cx, cy = np.add((lens.cx, lens.cy), wrong.change)
+            told.append(f"a principal point at {cx:.1f}, {cy:.1f}, and `cx`, `cy` say {lens.cx:g}, {lens.cy:g}")
+        elif wrong.stated == "square":
+            told.append(f"squares of {wrong.change[0] * square:.2f} mm, and `square` says {square:g}")
         else:
-            told.append(f"a focal length of {factor * lens.fx:.1f} pixels, and `fx` says {lens.fx:g}")
+            told.append(f"a focal length of {wrong.change[0] * lens.fx:.1f} pixels, and `fx` says {lens.fx:g}")
     if not told:
         return ""
     return f"{FILE}: the pictures fit {', or '.join(told)}: measure it; the error below has what it moves the camera by"
