@@ -16,6 +16,7 @@ from allegro_twin.files.schema import Gravity, Positive, Settings, Vector3, load
 from allegro_twin.grasping.interchange.grasps import FARTHEST
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.settings import with_card_side
+from allegro_twin.kinematics.orientation import matrix_facing
 from allegro_twin.sim.model.physics import Cone, Integrator, Physics, Solver
 from allegro_twin.spec import Side
 from allegro_twin.types import Vector
@@ -316,12 +317,18 @@ def as_written(side: Side) -> Vector:
 
 
 def load_scenario(name: str | Path) -> tuple[Scenario, Path]:
-    """A scenario by path or name, and the file it came from."""
+    """A scenario by path or name, and the file it came from. Raises ConfigError with the file."""
     path = find_file(name, "scenario", "scenarios", below=True)
     content = read_yaml(path)
     named = {key: value for key in ("grasp", "hand") if isinstance(value := content.get(key), str)}
     own = {key: str(path.parent / value) for key, value in named.items() if value.endswith(".yaml")}
-    return parse_settings(Scenario, content | own, str(path)), path
+    scenario = parse_settings(Scenario, content | own, str(path))
+    try:
+        for wrist in (scenario.wrist, *(() if scenario.push is None else (scenario.push.wrist,))):
+            matrix_facing(wrist.facing, wrist.fingers)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
+    return scenario, path
 
 
 def turn_pushes(protocol: TrialProtocol, axis: int, sign: float) -> TrialProtocol:

@@ -60,9 +60,18 @@ def fails(tmp_path: Path, text: str) -> str:
         (("name: rubiks_cube", "name: rubiks_cube, up: w"), "it.yaml: objects.0.up: input should be 'x', 'y' or 'z'"),
         (("grasp: quadpod", "grasp: quadpod\ngrasp: quadpod"), "it.yaml:4: not valid YAML: key 'grasp' is given twice"),
         (("[{name", "[{name: ["), "it.yaml:"),
-        (("facing: [0, 0, -1]", "facing: [1, 0, 0]"), "wrist: fingers [1.0, 0.0, 0.0] must not be parallel to facing"),
-        (("facing: [0, 0, -1]", "facing: [0, 0, 0]"), "wrist: facing [0.0, 0.0, 0.0] is zero; it is a direction"),
-        (("fingers: [1, 0, 0]", "fingers: [0, 0, 0]"), "wrist: fingers [0.0, 0.0, 0.0] is zero; it is a direction"),
+        (
+            ("facing: [0, 0, -1]", "facing: [1, 0, 0]"),
+            "it.yaml: wrist: fingers [1.0, 0.0, 0.0] must not be parallel to facing",
+        ),
+        (
+            ("facing: [0, 0, -1]", "facing: [0, 0, 0]"),
+            "it.yaml: wrist: facing [0.0, 0.0, 0.0] is zero; it is a direction",
+        ),
+        (
+            ("fingers: [1, 0, 0]", "fingers: [0, 0, 0]"),
+            "it.yaml: wrist: fingers [0.0, 0.0, 0.0] is zero; it is a direction",
+        ),
         (("name: rubiks_cube", "name: rubiks_cube, mass: 93"), "185 cm³ is 502,179 kg/m³, denser than any metal"),
         (
             ("name: rubiks_cube", "name: rubiks_cube, mass: 0.000093"),

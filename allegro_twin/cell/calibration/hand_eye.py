@@ -12,13 +12,14 @@ what the arm's encoders say, its pose A in the base or A⁻¹. X and Z are what 
    Without errors of the arm this is the least reprojection error; with them that would trust the arm too much.
 
 The stated error is a jackknife: the whole is solved again without each picture. What is wrong with all pictures alike,
-a square or a focal length, would be taken for an error of the arm. So each of the two is tried as one more unknown:
-where the pictures are much likelier with it, it is told, and how far it moves the camera is in the stated error.
+a square, a focal length or a principal point, would be taken for an error of the arm. So each of them is tried as one
+more unknown: where the pictures are much likelier with it, it is told, and how far it moves the camera is in the stated
+error. A principal point that is off is nearly a turn of the camera, by 1/f a pixel, which the pictures hardly show.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, TypeAlias
 
@@ -34,7 +35,7 @@ from allegro_twin.kinematics.orientation import (
     vector_from_quaternion,
 )
 from allegro_twin.kinematics.pose import Pose, compose, relative_to
-from allegro_twin.types import Array, Vector
+from allegro_twin.types import Array, Vector, frozen
 
 FEWEST = 6
 """Pictures. With fewer, leaving one out says little about the error."""
@@ -52,10 +53,11 @@ _BEHIND = 1e-3  # m. A corner that would be nearer, or behind the camera, is far
 _UNITS = {1e3: "mm", 1e2: "cm"}  # How many are a metre.
 _ALIKE = 1.2  # Factor within which poses are taken to be in such a unit.
 _TRIED = 2.0  # Standard deviations of a factor, of an arm to whose errors its own are counted: worth a try.
-_SIGNIFICANT = 5.0  # Standard deviations by the likelihood with and without the factor.
+_SIGNIFICANT = 5.0  # Standard deviations by the likelihood with and without the value.
 _RIVAL = 10.0  # Of -2 log likelihood: a factor that is less worse than the best by it may be the one as well.
-_FACTOR_STEPS, _FACTOR_DONE, _FACTOR_MOST = 8, 1e-4, 2.0
-_SLOPE = 1e-4  # Of a factor, for a difference quotient.
+_SECOND = 3.7  # Of -2 log likelihood, that a second parameter has to be worth: as rare by chance as the first's 25.
+_FACTOR_STEPS, _FACTOR_DONE, _FACTOR_MOST = 8, 1e-4, 0.69
+_SLOPE = 1e-4  # Of a value, for a difference quotient.
 _ARM_POSITIONS = (0.0, *np.geomspace(1e-5, 1e-2, 7))  # m,
 _ARM_ROTATIONS = (0.0, *np.radians(np.geomspace(1e-3, 1.0, 7)))  # and rad: the errors of an arm that are tried.
 
@@ -74,18 +76,21 @@ class PatternView(NamedTuple):
     """Where they are in the picture, without distortion, (k, 2): column and row."""
 
 
-Stated: TypeAlias = Literal["square", "focal"]
-"""A length that is stated and not measured by the pictures: the edge of the squares, or the focal length."""
+Stated: TypeAlias = Literal["square", "focal", "principal"]
+"""What is stated and not measured by the pictures: the edge of the squares, the focal length, the principal point."""
 
 
-class StatedLengthError(NamedTuple):
-    """A stated length that the pictures contradict."""
+class Contradiction(NamedTuple):
+    """A stated value that the pictures contradict."""
 
-    length: Stated
-    factor: float
-    """The pictures fit a length so many times the stated one."""
+    stated: Stated
+    change: Vector
+    """What the pictures fit: the factor on the stated length, (1,), or how far the principal point is from the stated
+    one, (2,), columns and rows, pixels."""
+    deviation: float
+    """Standard deviation of the change, as a part of it."""
     camera: Pose
-    """Where the camera is by that length."""
+    """Where the camera is by that value."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,22 +117,26 @@ class HandEyeCalibration:
     """Rotation of the pictures against each other about the second of their axes, root mean square, rad."""
     views: tuple[tuple[str, float], ...]
     """Each picture, and its root mean square, pixels."""
-    contradicted: tuple[StatedLengthError, ...] = ()
-    """Stated lengths of which one is wrong, the likelier first; usually none."""
+    contradicted: tuple[Contradiction, ...] = ()
+    """Stated values of which one is wrong, the likelier first; usually none."""
 
     @property
     def position_error(self) -> float:
         """The camera is nearer than this to where it is said to be, m, at 95 %."""
-        moved = [float(np.linalg.norm(each.camera.position - self.camera.position)) for each in self.contradicted]
-        return float(np.hypot(_student(len(self.views) - 2) * self.position_deviation, max(moved, default=0.0)))
+        return self._bound(self.position_deviation, lambda there: there.position - self.camera.position)
 
     @property
     def rotation_error(self) -> float:
         """Bound of the error of the camera's orientation, rad, at 95 %."""
-        turned = [
-            float(np.linalg.norm(_vector(self.camera.rotation.T @ each.camera.rotation))) for each in self.contradicted
+        return self._bound(self.rotation_deviation, lambda there: _vector(self.camera.rotation.T @ there.rotation))
+
+    def _bound(self, deviation: float, apart: Callable[[Pose], Vector]) -> float:
+        """Bound by the scatter, and by the farthest camera of another stated value, which is as uncertain as that."""
+        times = _student(len(self.views) - 2)
+        moved = [
+            float(np.linalg.norm(apart(each.camera))) * (1.0 + times * each.deviation) for each in self.contradicted
         ]
-        return float(np.hypot(_student(len(self.views) - 2) * self.rotation_deviation, max(turned, default=0.0)))
+        return float(np.hypot(times * deviation, max(moved, default=0.0)))
 
 
 class _Problem(NamedTuple):
@@ -162,11 +171,12 @@ def calibrate_hand_eye(views: Sequence[PatternView], lens: Intrinsics, *, at_the
     """Solve for the camera. `at_the_wrist`: it moves with the arm, and the pattern lies still; otherwise the pattern
     moves with the arm.
 
-    Raises ConfigError, one line, for too few pictures, for postures that turn the camera too little or about one axis
-    only, and for arm and pictures that do not belong together.
+    Raises ConfigError, one line, for too few pictures, for one that is there twice, for postures that turn the camera
+    too little or about one axis only, and for arm and pictures that do not belong together.
     """
     if len(views) < FEWEST:
         raise ConfigError(f"{len(views)} pictures show the pattern; hand-eye calibration needs {FEWEST}, better 15")
+    _check_different(views)
     moved = [_inverse(view.arm) if at_the_wrist else view.arm for view in views]
     turn = _second_turn(moved)
     if turn < LEAST_TURN:
@@ -199,11 +209,22 @@ def calibrate_hand_eye(views: Sequence[PatternView], lens: Intrinsics, *, at_the
     return HandEyeCalibration(*found, position, rotation, arm.position, arm.rotation, residual, out, turn, named, wrong)
 
 
-_NAMES: dict[Stated, str] = {"square": "a square", "focal": "a focal length"}
 _ASK = (
     "are the poses those of the flange in the base, in m and as w x y z, one for each picture; are the squares as "
     "large as stated?"
 )
+
+
+def _check_different(views: Sequence[PatternView]) -> None:
+    """Raise ConfigError for a picture that is there twice, under its name or another: no two pictures of a camera have
+    the same corners to the last bit, and a copy says nothing new of the error."""
+    names = dict[bytes, str]()
+    for view in views:
+        corners = np.ascontiguousarray(view.pixels).tobytes()
+        if corners in names:
+            same = "is listed twice" if names[corners] == view.name else f"is the same picture as {names[corners]}"
+            raise ConfigError(f"{view.name} {same}: a picture counts once; leave one out")
+        names[corners] = view.name
 
 
 def _check_unit(moved: Sequence[Pose], seen: Sequence[Pose]) -> None:
@@ -228,7 +249,7 @@ def _check_unit(moved: Sequence[Pose], seen: Sequence[Pose]) -> None:
 
 def _check(
     views: Sequence[PatternView], residual: float, held_out: Sequence[float], left: Sequence[float],
-    wrong: Sequence[StatedLengthError],
+    wrong: Sequence[Contradiction],
 ) -> None:  # fmt: skip
     """Raise ConfigError where arm and pictures disagree: all of them, or one alone. `held_out`: of each picture by the
     others; `left`: of these others without it, pixels."""
@@ -244,8 +265,14 @@ def _check(
     if not residual < MOST:
         raise ConfigError(
             f"arm and pictures disagree by {residual:.1f} pixels, more than {MOST:g}: {_ASK}"
-            + "".join(f" They fit {_NAMES[each.length]} {each.factor:.3g} times the stated one." for each in wrong)
+            + "".join(f" They fit {_fitting(each)} the stated one." for each in wrong)
         )
+
+
+def _fitting(wrong: Contradiction) -> str:
+    if wrong.stated == "principal":
+        return "a principal point {:.1f} columns and {:.1f} rows from".format(*wrong.change)
+    return f"a {'square' if wrong.stated == 'square' else 'focal length'} {wrong.change[0]:.3g} times"
 
 
 def _second_turn(moved: Sequence[Pose]) -> float:
@@ -361,82 +388,91 @@ def _fitted(problem: _Problem, start: tuple[Pose, Pose], at_the_wrist: bool) -> 
     return _Fit(found, arm, best)
 
 
+_PARAMETERS: dict[Stated, int] = {"square": 1, "focal": 1, "principal": 2}
+
+
 def _contradicted(
     views: Sequence[PatternView], lens: Intrinsics, moved: Sequence[Pose], seen: Sequence[_Seen], fit: _Fit,
     at_the_wrist: bool,
-) -> tuple[StatedLengthError, ...]:  # fmt: skip
-    """The stated lengths with which, set free, the pictures are much likelier, the likeliest first."""
-    stated = fit.cost + _freedom(views) * float(np.log(_variance(seen, views)))
-    found: list[tuple[float, StatedLengthError]] = []
-    lengths: tuple[Stated, ...] = ("square", "focal")
-    for length in lengths:
+) -> tuple[Contradiction, ...]:  # fmt: skip
+    """The stated values with which, set free, the pictures are much likelier, the likeliest first."""
+    right = fit.cost + _freedom(views) * float(np.log(_variance(seen, views)))
+    found: list[tuple[float, Contradiction]] = []
+    for stated, count in _PARAMETERS.items():
         try:
-            cost, error = _freed(views, lens, moved, length, fit, stated, at_the_wrist)
+            cost, wrong = _freed(views, lens, moved, stated, fit, right, at_the_wrist)
         except np.linalg.LinAlgError:
-            continue  # Nothing fits, with whatever factor.
-        if cost < stated - _SIGNIFICANT**2:
-            found.append((cost, error))
+            continue  # Nothing fits, with whatever value.
+        cost += _SECOND * (count - 1)
+        if cost < right - _SIGNIFICANT**2:
+            found.append((cost, wrong))
     found.sort(key=lambda each: each[0])
-    return tuple(each for cost, each in found if cost < found[0][0] + _RIVAL)
+    return tuple(wrong for cost, wrong in found if cost < found[0][0] + _RIVAL)
 
 
 def _freed(
-    views: Sequence[PatternView], lens: Intrinsics, moved: Sequence[Pose], length: Stated, fit: _Fit, stated: float,
+    views: Sequence[PatternView], lens: Intrinsics, moved: Sequence[Pose], stated: Stated, fit: _Fit, right: float,
     at_the_wrist: bool,
-) -> tuple[float, StatedLengthError]:  # fmt: skip
-    """A stated length as one more unknown, and -2 log likelihood then; `stated`: without it."""
-    factor, cost = 1.0, stated
+) -> tuple[float, Contradiction]:  # fmt: skip
+    """A stated value as one more unknown, or two, and -2 log likelihood then; `right`: as it is stated."""
+    values, cost = np.zeros(_PARAMETERS[stated]), right
     for _ in range(_FACTOR_STEPS):
-        step, deviation = _factor_step(views, lens, moved, length, factor, fit, at_the_wrist)
-        if abs(step) < _FACTOR_DONE or (factor == 1.0 and abs(step) < _TRIED * deviation):
+        step, information = _value_step(views, lens, moved, stated, values, fit, at_the_wrist)
+        if float(np.abs(step).max()) < _FACTOR_DONE or (
+            not values.any() and float(step @ information @ step) < _TRIED**2
+        ):
             break
-        factor *= float(np.exp(step))
-        if not 1.0 / _FACTOR_MOST < factor < _FACTOR_MOST:
-            return stated, StatedLengthError(length, 1.0, fit.found[0])
-        scaled, through = _scaled(views, lens, length, factor)
-        seen = [_seen(view, through) for view in scaled]
-        fit = _fitted(_problem(moved, seen, scaled), _closed_form(moved, [each.pose for each in seen]), at_the_wrist)
-        cost = fit.cost + _freedom(views) * float(np.log(_variance(seen, scaled)))
-    return cost, StatedLengthError(length, factor, fit.found[0])
+        values = values + step
+        if not float(np.abs(values).max()) < _FACTOR_MOST:
+            return right, Contradiction(stated, np.zeros(0), np.inf, fit.found[0])
+        changed, through = _changed(views, lens, stated, values)
+        seen = [_seen(view, through) for view in changed]
+        fit = _fitted(_problem(moved, seen, changed), _closed_form(moved, [each.pose for each in seen]), at_the_wrist)
+        cost = fit.cost + _freedom(views) * float(np.log(_variance(seen, changed)))
+    change = lens.fx * values if stated == "principal" else np.exp(values)
+    part = float(values @ information @ values) ** -0.5 if values.any() else np.inf
+    return cost, Contradiction(stated, frozen(change), part, fit.found[0])
 
 
-def _factor_step(
-    views: Sequence[PatternView], lens: Intrinsics, moved: Sequence[Pose], length: Stated, factor: float, fit: _Fit,
+def _value_step(
+    views: Sequence[PatternView], lens: Intrinsics, moved: Sequence[Pose], stated: Stated, values: Vector, fit: _Fit,
     at_the_wrist: bool,
-) -> tuple[float, float]:  # fmt: skip
-    """By how much the logarithm of a factor on a stated length is to change, by one Gauss-Newton step of X, Z and it,
-    and the standard deviation of that."""
-    one, other = (
-        [_seen(view, through) for view in scaled]
-        for scaled, through in (_scaled(views, lens, length, factor * more) for more in (1.0, 1.0 + _SLOPE))
-    )
-    slope = (
-        np.array(
-            [
-                np.concatenate(
-                    [
-                        a.pose.rotation.T @ (b.pose.position - a.pose.position),
-                        _vector(a.pose.rotation.T @ b.pose.rotation),
-                    ]
-                )
-                for a, b in zip(one, other, strict=True)
-            ]
-        )
-        / _SLOPE
-    )
-    root, moves, error = _linearised(_problem(moved, one, views), *fit.found, fit.arm, at_the_wrist)
-    table = (root @ np.concatenate([moves, slope[:, :, None]], axis=2)).reshape(-1, 13)
+) -> tuple[Vector, Array]:  # fmt: skip
+    """By how much the values of `_changed` are to change, (k,), by one Gauss-Newton step of X, Z and them, and the
+    information on them, (k, k)."""
+
+    def poses(values: Vector) -> tuple[Sequence[PatternView], list[_Seen]]:
+        changed, through = _changed(views, lens, stated, values)
+        return changed, [_seen(view, through) for view in changed]
+
+    changed, one = poses(values)
+    slopes = [
+        [
+            np.concatenate([
+                a.pose.rotation.T @ (b.pose.position - a.pose.position), _vector(a.pose.rotation.T @ b.pose.rotation),
+            ]) / _SLOPE
+            for a, b in zip(one, poses(values + _SLOPE * unit)[1], strict=True)
+        ]
+        for unit in np.eye(len(values))
+    ]  # fmt: skip
+    root, moves, error = _linearised(_problem(moved, one, changed), *fit.found, fit.arm, at_the_wrist)
+    table = (root @ np.concatenate([moves, np.moveaxis(np.array(slopes), 0, 2)], axis=2)).reshape(-1, 12 + len(values))
     inverse = np.linalg.inv(table.T @ table)
     step = -inverse @ table.T @ np.einsum("nij,nj->ni", root, error).ravel()
-    return float(step[-1]), float(np.sqrt(inverse[-1, -1]))
+    return step[12:], np.linalg.inv(inverse[12:, 12:])
 
 
-def _scaled(
-    views: Sequence[PatternView], lens: Intrinsics, length: Stated, factor: float
-) -> tuple[list[PatternView], Intrinsics]:
-    """The views and the lens, with a stated length times a factor."""
-    if length == "focal":
-        return list(views), lens._replace(fx=factor * lens.fx, fy=factor * lens.fy)
+def _changed(
+    views: Sequence[PatternView], lens: Intrinsics, stated: Stated, values: Vector
+) -> tuple[Sequence[PatternView], Intrinsics]:
+    """The views and the lens, with another stated value: the logarithm of the factor on a length, or by what angles,
+    rad, the principal point is elsewhere, along columns and rows."""
+    if stated == "principal":
+        column, row = values
+        return views, lens._replace(cx=lens.cx + lens.fx * column, cy=lens.cy + lens.fx * row)
+    factor = float(np.exp(values[0]))
+    if stated == "focal":
+        return views, lens._replace(fx=factor * lens.fx, fy=factor * lens.fy)
     larger = [
         view._replace(points=factor * view.points, pattern=Pose(factor * view.pattern.position, view.pattern.rotation))
         for view in views

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -15,6 +14,7 @@ from allegro_twin.cell.calibration.pattern import Grey, PatternSettings, find_pa
 from allegro_twin.cell.camera.intrinsics import Intrinsics
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.files.csv_table import parse_csv
 from allegro_twin.files.schema import Positive, Settings, Vector3, load_settings
 from allegro_twin.files.yaml_edit import write_settings
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_matrix
@@ -136,11 +136,14 @@ def calibrate_folder(folder: Path, *, at_the_wrist: bool) -> FolderCalibration:
 def _contradiction(found: HandEyeCalibration, settings: CalibrationFolder) -> str:
     """One line, or none."""
     told, square, lens = [], 1e3 * settings.pattern.square, settings.intrinsics
-    for length, factor, _ in found.contradicted:
-        if length == "square":
-            told.append(f"squares of {factor * square:.1f} mm, and `square` says {square:g}")
+    for wrong in found.contradicted:
+        if wrong.stated == "principal":
+            cx, cy = np.add((lens.cx, lens.cy), wrong.change)
+            told.append(f"a principal point at {cx:.1f}, {cy:.1f}, and `cx`, `cy` say {lens.cx:g}, {lens.cy:g}")
+        elif wrong.stated == "square":
+            told.append(f"squares of {wrong.change[0] * square:.2f} mm, and `square` says {square:g}")
         else:
-            told.append(f"a focal length of {factor * lens.fx:.1f} pixels, and `fx` says {lens.fx:g}")
+            told.append(f"a focal length of {wrong.change[0] * lens.fx:.1f} pixels, and `fx` says {lens.fx:g}")
     if not told:
         return ""
     return f"{FILE}: the pictures fit {', or '.join(told)}: measure it; the error below has what it moves the camera by"
@@ -149,7 +152,8 @@ def _contradiction(found: HandEyeCalibration, settings: CalibrationFolder) -> st
 def calibrate_pictures(
     pictures: Iterable[ArmPicture], pattern: PatternSettings, lens: Intrinsics, distortion: Array, *, at_the_wrist: bool
 ) -> tuple[HandEyeCalibration, tuple[str, ...]]:
-    """Find the pattern in every picture and calibrate; also the names of those that do not show it."""
+    """Find the pattern in every picture and calibrate; also the names of those that do not show it. Raises ConfigError
+    as `calibrate_hand_eye` does."""
     views, unseen = list[PatternView](), list[str]()
     for name, flange, grey in pictures:
         view = find_pattern(grey, pattern, lens, distortion, name=name, arm=flange)
@@ -186,7 +190,12 @@ def _read(folder: Path, views: Iterable[PictureSettings]) -> Iterable[ArmPicture
         path = folder / view.picture
         if not path.is_file():
             raise ConfigError(f"{folder / FILE}: no picture {path}")
-        grey = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_GRAYSCALE)
+        try:
+            grey = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_GRAYSCALE)
+        except OSError as error:
+            raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+        except cv2.error:
+            grey = None  # An empty file, or one that says it is too large.
         if grey is None:
             raise ConfigError(f"{path} is no picture that OpenCV reads: PNG, JPEG, TIFF or BMP")
         yield ArmPicture(view.picture, view.pose, np.asarray(grey))
@@ -196,20 +205,19 @@ def _table(folder: Path, name: str) -> list[PictureSettings]:
     """The poses of a CSV."""
     path = folder / name
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ConfigError(f"{path}: cannot be read as a table: {error}") from error
+        names, rows = parse_csv(path.read_bytes(), path)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read as a table: {error.strerror}") from error
+    if missing := [column for column in POSES if column not in names]:
+        raise ConfigError(f"{path}: no column {missing[0]!r}; it needs {', '.join(POSES)}, and has {', '.join(names)}")
     found = []
-    for number, row in enumerate(rows, start=2):
+    for line, values in rows:
+        row = dict(zip(names, values, strict=True))
         try:
-            values = {key: row[key] if key == "picture" else float(row[key]) for key in POSES}
-            x, y, z, *quaternion = (values[key] for key in POSES[1:])
+            x, y, z, *quaternion = (float(row[key]) for key in POSES[1:])
             found.append(PictureSettings.model_validate(
-                {"picture": values["picture"], "position": (x, y, z), "quaternion": quaternion}))  # fmt: skip
-        except KeyError as error:
-            raise ConfigError(f"{path}: no column {error}; it needs {', '.join(POSES)}") from error
-        except (TypeError, ValueError) as error:
+                {"picture": row["picture"], "position": (x, y, z), "quaternion": quaternion}))  # fmt: skip
+        except ValueError as error:
             said = str(error).splitlines()[0] if not hasattr(error, "errors") else error.errors()[0]["msg"]
-            raise ConfigError(f"{path}:{number}: {said}") from error
+            raise ConfigError(f"{path}:{line}: {said}") from error
     return found

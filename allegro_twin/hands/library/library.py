@@ -111,7 +111,7 @@ class Library:
 
         Raises ConfigError unless the name is free for the user and the spec's hand can do it.
         """
-        check_free(check_name(name, "library"))
+        _check_name(name, spec)
         joint_values(entry, spec, name)
         self._added[name] = _Added(entry, spec)
 
@@ -141,18 +141,30 @@ class Library:
         """
         if name not in self._added:
             raise ConfigError(f"nothing to store: {unknown('added entry', name, self._added)}")
-        file = Path(path).resolve()
-        if file.suffix != ".yaml":
-            raise ConfigError(f"{path}: a library file ends in .yaml")
-        refuse_shipped(path)
+        file = _library_file(path)
         with yaml_edit.lock_file(file):
-            others = read_all(self._sources).get(name)
-            if others is not None and others.path != file:
-                raise ConfigError(f"{name!r} is in {others.path} already; store it there or delete it first")
+            self._there(name, file)
             yaml_edit.write_text(file, _with(file, name, self._added[name]))
         if not any(file.is_relative_to(source.resolve()) for source in self._sources):
             self._sources.append(file)
         del self._added[name]
+
+    def check_store(self, name: str, path: str | Path, spec: HandSpec) -> LibraryEntry | None:
+        """The entry that `store` would replace in a file, None for a new one: to ask before a person shows what is to
+        be stored. Raises ConfigError where `add` or `store` would refuse the name or the file."""
+        _check_name(name, spec)
+        return self._there(name, _library_file(path))
+
+    def _there(self, name: str, file: Path) -> LibraryEntry | None:
+        """The entry of a name in a file that it is to be stored in. Raises ConfigError for one in another file, and for
+        a file that holds one entry, another."""
+        others = read_all(self._sources).get(name)
+        if others is not None and others.path != file:
+            raise ConfigError(f"{name!r} is in {others.path} already; store it there or delete it first")
+        before = {listed.name: listed for listed in read_file(file)}
+        if before and name not in before and yaml_edit.ENTRIES not in parse_yaml(yaml_edit.read_text(file), str(file)):
+            raise ConfigError(f"{file} holds one entry, {file.stem!r}; store {name!r} in another file")
+        return before.get(name)
 
     def _found(self, name: str | Path, spec: HandSpec, kind: EntryKind | None = None) -> LibraryEntry:
         """By path, else from the hand's card, from memory, from what ships, from the user's files. What ships cannot be
@@ -179,6 +191,22 @@ class Library:
 
     def _names(self, kind: EntryKind | None) -> set[str]:
         return {listed.name for listed in self.list(kind)}
+
+
+def _check_name(name: str, spec: HandSpec) -> None:
+    """Raise ConfigError for a name that is none, and for one under which a hand finds what ships, or is on its card."""
+    check_free(check_name(name, "library"))
+    if name in spec.postures or f"{spec.model}_{name}" in shipped_entries():
+        raise ConfigError(f"{name!r} of a {spec.model} is the hand's own and stays as it is; choose another name")
+
+
+def _library_file(path: str | Path) -> Path:
+    """The file, without links. Raises ConfigError for one that is no file of a user's library."""
+    file = Path(path).resolve()
+    if file.suffix != ".yaml":
+        raise ConfigError(f"{path}: a library file ends in .yaml")
+    refuse_shipped(path)
+    return file
 
 
 def _at(path: Path, kind: EntryKind | None) -> LibraryEntry:
@@ -223,8 +251,6 @@ def _with(file: Path, name: str, added: _Added) -> str:
             content["description"] = old.description
     joint_values(parse_entry(content, name), added.spec, name)
     if before and yaml_edit.ENTRIES not in parse_yaml(text, str(file)):
-        if old is None:
-            raise ConfigError(f"{file} holds one entry, {file.stem!r}; store {name!r} in another file")
         return yaml_edit.replace_document(text, content, str(file))
     return yaml_edit.replace_entry(text, name, content, str(file))
 

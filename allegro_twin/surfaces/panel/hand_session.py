@@ -168,8 +168,8 @@ class HandSession:
                 return self._teach(on)
             case requests.PlayTaught():
                 hand.play(self._motion(), approach=hand.direct.usual_speed(1.0), wait=False)
-            case requests.StoreTaught(name, motion):
-                return self._store(name, motion=motion)
+            case requests.StoreTaught(name, motion, replace):
+                return self._store(name, motion=motion, replace=replace)
             case requests.Record(on):
                 return self._record(on)
             case _:
@@ -276,8 +276,11 @@ class HandSession:
             self._teach(False)
         return self._demonstration.motion()
 
-    def _store(self, name: str, *, motion: bool) -> str:
+    def _store(self, name: str, *, motion: bool, replace: bool) -> str:
         library, spec, target = Library(), self.hand.spec, self._folders.library
+        old = library.check_store(name, target, spec)
+        if old is not None and not replace:
+            raise ConfigError(f"{name!r} is a {old.kind} in {target} already: tick Replace, or choose another name")
         if motion:
             taught = self._motion()
             library.add(name, trajectory_entry(taught.times, taught.positions, spec), spec)

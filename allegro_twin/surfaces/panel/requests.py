@@ -90,6 +90,8 @@ class StoreTaught:
 
     name: str
     motion: bool
+    replace: bool = False
+    """Also where the library's file has an entry of that name."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -91,7 +91,12 @@ class FingertipTargets:
         """`side`: which of the person's hands is tracked. The other side's is mirrored. Raises ConfigError."""
         self.vectors, self.side = target_vectors(spec), side
         self._mirror = np.array([1.0, 1.0 if side == spec.side else -1.0, 1.0])
-        longest = ClosedFormFinger(spec, LONGEST)
+        try:
+            longest = ClosedFormFinger(spec, LONGEST)
+        except ConfigError as error:
+            raise ConfigError(
+                f"teleop leads the Allegro Hand and hands of its geometry, not {spec.name} ({error})"
+            ) from error
         self._base: Vector = longest.base
         self._length = float(np.linalg.norm(longest.tip(np.zeros(4)) - self._base))
         self._lengths: deque[float] = deque(maxlen=_RECENT)

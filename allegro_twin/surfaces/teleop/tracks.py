@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import json
 import zipfile
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.files.csv_table import parse_csv
 from allegro_twin.spec import SIDES, Side
 from allegro_twin.surfaces.teleop.targets import COUNT, PALM, palm_length
 from allegro_twin.types import Array, Vector
@@ -67,15 +67,13 @@ def _npz(content: bytes, path: Path) -> HandTrack:
 
 
 def _csv(content: bytes, path: Path) -> HandTrack:
-    rows = list(csv.reader(content.decode(errors="replace").splitlines()))
-    if not rows or [name.strip() for name in rows[0]] != HEADER:
+    names, rows = parse_csv(content, path)
+    if names != HEADER:
         raise ConfigError(f"{path}: its first line must be {','.join(HEADER[:5])},…,{HEADER[-1]}: {len(HEADER)} names")
     numbers = []
-    for line, row in enumerate(rows[1:], start=2):
-        if len(row) != len(HEADER):
-            raise ConfigError(f"{path}:{line}: has {len(row)} values; t and {COUNT} landmarks are {len(HEADER)}")
+    for line, row in rows:
         try:
-            numbers.append([float(value) if value.strip() else np.nan for value in row])
+            numbers.append([float(value) if value else np.nan for value in row])
         except ValueError as error:
             raise ConfigError(f"{path}:{line}: {error}") from error
     table = np.array(numbers).reshape(-1, len(HEADER))

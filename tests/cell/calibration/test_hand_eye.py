@@ -72,6 +72,15 @@ def test_too_few_pictures_are_refused() -> None:
         calibrate_hand_eye(pattern_views(1, 5), LENS, at_the_wrist=True)
 
 
+@pytest.mark.parametrize(
+    ("name", "said"), [("01.png", r"01\.png is listed twice"), ("99.png", r"99\.png is the same picture as 01\.png")]
+)
+def test_a_picture_that_is_there_twice_is_refused_under_whatever_name(name: str, said: str) -> None:
+    views = pattern_views(1, 5)
+    with pytest.raises(ConfigError, match=f"{said}: a picture counts once"):
+        calibrate_hand_eye([*views, views[1]._replace(name=name)], LENS, at_the_wrist=True)
+
+
 def test_postures_that_hardly_turn_are_refused_with_the_turn_that_they_lack() -> None:
     with pytest.raises(ConfigError, match=r"the 15 postures turn by [0-3]\.\d° about a second axis, less than 8°"):
         calibrate_hand_eye(pattern_views(1, tilt=3.0), LENS, at_the_wrist=True)
@@ -148,9 +157,9 @@ def test_poses_or_squares_in_millimetres_are_refused_in_a_sentence(
 def test_squares_of_another_size_are_told_and_are_in_the_stated_error(wrist: bool) -> None:
     found = calibrate_hand_eye(larger(pattern_views(1, 8, wrist=wrist), square=32 / 35), LENS, at_the_wrist=wrist)
     (wrong,) = found.contradicted
-    assert wrong.length == "square"
-    assert wrong.factor == pytest.approx(35 / 32, rel=2e-3)
-    assert 0.02 < errors(found)[0] < 1.1 * found.position_error < 0.06
+    assert wrong.stated == "square"
+    assert wrong.change[0] == pytest.approx(35 / 32, rel=2e-3)
+    assert 0.02 < errors(found)[0] < found.position_error < 0.06
     assert np.linalg.norm(wrong.camera.position - CAMERA.position) < 1e-3
 
 
@@ -158,9 +167,20 @@ def test_another_focal_length_is_told_and_is_in_the_stated_error() -> None:
     lens = LENS._replace(fx=1.02 * LENS.fx, fy=1.02 * LENS.fy)
     found = calibrate_hand_eye(pattern_views(1, 8), lens, at_the_wrist=True)
     (wrong,) = found.contradicted
-    assert wrong.length == "focal"
-    assert wrong.factor == pytest.approx(1 / 1.02, rel=2e-3)
-    assert 0.005 < errors(found)[0] < 1.1 * found.position_error < 0.015
+    assert wrong.stated == "focal"
+    assert wrong.change[0] == pytest.approx(1 / 1.02, rel=2e-3)
+    assert 0.005 < errors(found)[0] < found.position_error < 0.015
+
+
+@pytest.mark.parametrize("arm", [(0.0, 0.0), (1e-4, np.radians(0.02))])
+def test_another_principal_point_is_told_as_such_and_is_in_the_stated_error(arm: tuple[float, float]) -> None:
+    lens = LENS._replace(cx=LENS.cx + 5.0)
+    found = calibrate_hand_eye(pattern_views(1, arm=arm), lens, at_the_wrist=True)
+    (wrong,) = found.contradicted
+    assert wrong.stated == "principal"
+    np.testing.assert_allclose(wrong.change, [-5.0, 0.0], atol=0.3)
+    assert np.radians(0.6) < errors(found)[1] < found.rotation_error < np.radians(1.1)
+    assert angle_between(wrong.camera.rotation, CAMERA.rotation) < np.radians(0.1)
 
 
 @pytest.mark.parametrize("arm", [(0.0, 0.0), (1e-3, 3e-3)])

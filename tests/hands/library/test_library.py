@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -439,6 +440,16 @@ def test_a_name_has_one_place_and_what_ships_is_not_written(mine: Path, spec: Ha
     mine.with_name("other.yaml").write_text(MINE)
     with pytest.raises(ConfigError, match="is also in"):
         library.list()
+
+
+def test_a_name_on_a_hands_card_is_not_hidden_by_an_entry_that_it_would_never_find(mine: Path, spec: HandSpec) -> None:
+    own = replace(spec, postures={"clench": load_posture("rock", spec)})
+    library = Library(mine)
+    with pytest.raises(ConfigError, match="'clench' of a .* is the hand's own and stays as it is"):
+        library.add("clench", load_entry("open"), own)
+    with pytest.raises(ConfigError, match="'clench' of a .* is the hand's own and stays as it is"):
+        library.check_store("clench", mine, own)
+    assert library.check_store("clench", mine, spec) is None
 
 
 def test_a_link_stays_a_link_and_its_file_keeps_its_permissions(mine: Path, spec: HandSpec) -> None:

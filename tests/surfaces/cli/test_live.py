@@ -14,6 +14,7 @@ import pytest
 import yaml
 
 from allegro_twin.app.config import load_config
+from allegro_twin.files.assets import data_root
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.library import Library
 from allegro_twin.surfaces.cli.start.keys import KEYS, press
@@ -64,6 +65,43 @@ def test_a_taught_posture_is_stored_for_both_hands(tmp_path: Path, command: Run)
     library = Library(target)
     right, left = (library.posture("mine", load_spec(side=side)) for side in ("right", "left"))
     assert (right[4:8] == left[4:8] * (-1, 1, 1, 1)).all()
+
+
+def test_what_was_taught_is_replaced_only_when_that_is_said(tmp_path: Path, command: Run) -> None:
+    target = tmp_path / "taught.yaml"
+    assert command("teach", "keep", "--motion", "--seconds", "0.3", "--into", target)[0] == 0
+    before = target.read_bytes()
+    code, shown, errors = command("teach", "keep", "--seconds", "0.1", "--into", target)
+    assert (code, errors.count("\n")) == (2, 1)
+    assert f"'keep' is a trajectory in {target} already: --force replaces it" in errors
+    assert "Move the fingers" not in shown
+    assert target.read_bytes() == before
+    code, _, errors = command("teach", "keep", "--seconds", "0.1", "--into", target, "--force")
+    assert code == 0, errors
+    assert Library(target).posture("keep", load_spec()).shape == (16,)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["Rest"], "not 'Rest'"),
+        (["home"], "'home' ships with the package"),
+        (["new", "--into", "one.yaml"], "holds one entry, 'one'; store 'new' in another file"),
+        (["mine", "--into", "other.yaml"], "library/mine.yaml already; store it there or delete it first"),
+    ],
+)
+def test_what_cannot_be_stored_is_refused_before_it_is_shown(
+    arguments: list[str], message: str, tmp_path: Path, command: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    posture = (data_root() / "conf" / "postures" / "rock.yaml").read_text()
+    Path("library").mkdir()
+    for file in ("one.yaml", "library/mine.yaml"):
+        Path(file).write_text(posture)
+    code, shown, errors = command("teach", *arguments, "--seconds", "0.1")
+    assert (code, errors.count("\n")) == (2, 1)
+    assert message in errors
+    assert "Move the fingers" not in shown
 
 
 @pytest.mark.slow

@@ -23,6 +23,9 @@ from unittest import mock
 from allegro_twin.files.assets import data_root
 from allegro_twin.surfaces.teleop.tracks import HEADER
 
+PERSON = [[0.0, 0.01 * (k % 4), 0.01 * k] for k in range(21)]
+"""Landmarks, m, that no hand has, but which are as large as one's."""
+
 
 class Wrong(NamedTuple):
     """A row of the table."""
@@ -46,10 +49,13 @@ TABLE = [
         ("teleop nope --from track.csv", 2, "no config named 'nope'"),
         ("teleop sim_right --from none.csv", 2, "none.csv: cannot be read"),
         ("teleop sim_right --from r.arrow", 2, "hand tracking is a file in .npz, .csv, .json, or `webcam`"),
-        ("teleop sim_right --from track.csv", 2, "track.csv:2: has 2 values; t and 21 landmarks are 64"),
+        ("teleop sim_right --from track.csv", 2, "track.csv:2: has 2 values; the first line has 64 names"),
         ("teleop sim_right --from full.csv", 2, "full.csv: cannot be read: it is no plain file"),
         ("teleop sim_right --from webcam", 2, "--model hand_landmarker.task"),
         ("teleop sim_right --from track.csv --tracked both", 2, "'both' is not one of 'right', 'left'"),
+        ("teleop sim_right --from left.json --tracked right", 2, "is of a left hand by its `side`, not right"),
+        ("teleop sim_leap --from left.json", 2, "the Allegro Hand and hands of its geometry, not leap_right"),
+        ("teleop sim_sih --from left.json", 2, "the Allegro Hand and hands of its geometry, not sih_right"),
         ("teleop sim_right --from track.csv --speed 0", 2, "--speed must be positive"),
         ("teleop sim_right --from track.csv --view --web", 2, "choose one"),
         # A rehearsal that is to be filmed.
@@ -293,6 +299,7 @@ def workspace(folder: Path, recording: Path) -> None:
         "coarse.yaml": (data_root() / "scenarios" / "demo" / "lemon.yaml").read_bytes() + b"\nprotocol: tabletop\n",
         "typos.yaml": b"backend: {kind: sim}\ncontroller: {kind: pd}\nseconds_: 1\nhnd: {}\n",
         "track.csv": (",".join(HEADER) + "\n0,1\n").encode(),
+        "left.json": json.dumps({"side": "left", "frames": [{"t": 0, "landmarks": PERSON}]}).encode(),
         "fast.yaml": b"backend: {kind: sim}\ncontroller: {kind: pd, speed: 1.0e+9}\ntask: {posture: home}\n",
     }  # fmt: skip
     for name, content in contents.items():

@@ -234,7 +234,14 @@ def test_what_is_shown_is_kept_in_the_users_library(desk: Desk, tmp_path: Path) 
     desk.until(lambda: "mine is in" in desk.page.notices())
     shelf = [news for news in desk.page.said if isinstance(news, LibraryContents)][-1]
     assert "mine" in shelf.postures
-    assert (tmp_path / "library" / "mine.yaml").is_file()
+    file = tmp_path / "library" / "mine.yaml"
+    before = file.read_bytes()
+    desk.wish(r.StoreTaught("mine", motion=False))
+    desk.until(lambda: "'mine' is a posture in" in desk.page.notices() and "tick Replace" in desk.page.notices())
+    assert file.read_bytes() == before
+    count = desk.page.notices().count("mine is in")
+    desk.wish(r.StoreTaught("mine", motion=False, replace=True))
+    desk.until(lambda: desk.page.notices().count("mine is in") > count)
 
 
 def test_a_simulated_hand_is_opened_in_another_scene_and_one_that_is_not_there_is_refused(desk: Desk) -> None:

@@ -476,12 +476,17 @@ def test_what_is_shown_is_taught_repeated_and_kept(page: Page) -> None:
     change_name.value = " wave "
     click(keep, "motion")
     click(keep, "posture")
+    page.at("Replace").value = True
+    click(keep, "motion")
+    click(keep, "motion")
     assert page.asked == [
         r.Teach(True),
         r.Teach(False),
         r.PlayTaught(),
         r.StoreTaught("wave", True),
         r.StoreTaught("wave", False),
+        r.StoreTaught("wave", True, replace=True),
+        r.StoreTaught("wave", True),
     ]
     own = Page(opened(kinds=("position", "limp")))
     assert own.at("Teach", "button").hint == "The motors let go: lead the fingers"

@@ -43,6 +43,11 @@ def csv_of(times: Any, frames: Any, folder: Path) -> bytes:
     return (folder / "made.csv").read_bytes()
 
 
+def test_a_table_that_excel_has_saved_is_read(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_bytes(b"\xef\xbb\xbf" + EXAMPLE.read_bytes() + b"\r\n\r\n")
+    np.testing.assert_array_equal(read_track(tmp_path / "a.csv").times, read_track(EXAMPLE).times)
+
+
 def test_a_file_that_is_no_track_is_refused_in_one_line(tmp_path: Path) -> None:
     one = hand(0.3)
     head = ",".join(HEADER)
@@ -50,7 +55,7 @@ def test_a_file_that_is_no_track_is_refused_in_one_line(tmp_path: Path) -> None:
         "a.txt": (b"", "hand tracking is a file in .npz, .csv, .json, or `webcam`"),
         "empty.csv": (b"", "its first line must be t,x0,y0,z0,x1,…,z20: 64 names"),
         "head.csv": (f"{head}\n".encode(), "holds no frame"),
-        "short.csv": (f"{head}\n0,1,2\n".encode(), "short.csv:2: has 3 values; t and 21 landmarks are 64"),
+        "short.csv": (f"{head}\n0,1,2\n".encode(), "short.csv:2: has 3 values; the first line has 64 names"),
         "word.csv": (f"{head}\n0{',x' * 63}\n".encode(), "word.csv:2: could not convert"),
         "nan.csv": (csv_of([0, 1], [one * np.nan] * 2, tmp_path), "no frame has a whole hand of 21 landmarks"),
         "time.csv": (csv_of([0, np.nan], [one] * 2, tmp_path), "t of frame 1 is not a number"),

@@ -58,7 +58,10 @@ def teleop(
         )
     settings = on_hand(load_config(config), other)
     track = None if source == WEBCAM else read_track(_find_track(Path(source)))
-    side: Side = tracked or (None if track is None else track.side) or "right"
+    told = None if track is None else track.side
+    if tracked is not None and told not in (None, tracked):
+        raise ConfigError(f"{source} is of a {told} hand by its `side`, not {tracked}: leave --tracked out")
+    side: Side = tracked or told or "right"
     sys.setswitchinterval(_SWITCH)
     with ExitStack() as stack:
         watcher = None

@@ -71,21 +71,26 @@ def teach(
         "library/taught.yaml"
     ),
     motion: Annotated[bool, typer.Option(help="Store the motion, not only the final posture.")] = False,
+    force: Annotated[bool, typer.Option(help="Replace an entry of that name in the file.")] = False,
 ) -> None:
     """Store a posture or motion that you show with your hands."""
     from allegro_twin.app.config import load_config
+    from allegro_twin.app.rig import spec_of
     from allegro_twin.hands.library.entries import posture_entry, trajectory_entry
     from allegro_twin.hands.library.library import Library
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.hand_override import on_hand
     from allegro_twin.surfaces.hand import Hand
 
-    opened = Hand.open(on_hand(load_config(config), other), background=sys.stdin.isatty())
+    settings, library = on_hand(load_config(config), other), Library()
+    old = library.check_store(name, into, spec_of(settings))
+    if old is not None and not force:
+        raise ConfigError(f"{name!r} is a {old.kind} in {into} already: --force replaces it, or choose another name")
+    opened = Hand.open(settings, background=sys.stdin.isatty())
     with options.interruptible(into), opened as hand:
         console.say(f"Move the fingers; {seconds:g} s from now on.")
         with hand.teach() as demonstration:
             hand.wait(seconds)
-        library = Library()
         if motion:
             shown = demonstration.motion()
             library.add(name, trajectory_entry(shown.times, shown.positions, hand.spec), hand.spec)

@@ -31,6 +31,7 @@ class Timeline:
             self._teach = gui.add_button("Teach", hint=how)
             self._repeat = gui.add_button("Repeat what was shown")
             self._name = gui.add_text("Name", "mine", hint="In the library")
+            self._replace = gui.add_checkbox("Replace", initial_value=False, hint="What the library has of that name")
             self._store = gui.add_button_group("Store the", ("posture", "motion"))
         self._wire()
 
@@ -47,7 +48,9 @@ class Timeline:
             ask(requests.PlayTaught())
 
         async def store(event: Any) -> None:
-            ask(requests.StoreTaught(self._name.value.strip(), event.target.value == "motion"))
+            what = requests.StoreTaught(self._name.value.strip(), event.target.value == "motion", self._replace.value)
+            self._replace.value = False  # Asked for each time.
+            ask(what)
 
         self._record.on_click(record)
         self._teach.on_click(teach)
