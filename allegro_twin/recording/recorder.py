@@ -87,7 +87,7 @@ class Recorder:
             }
             if (bad := bad_row(one, before)) is not None:
                 raise RecordingError(
-                    f"{self._where}row {self._rows + 1}: {bad.why}; no reader takes such a row, so it is left out and "
+                    f"{self._where}row {self._rows}: {bad.why}; no reader takes such a row, so it is left out and "
                     "the rows before it are kept: see to what the hand's backend reports"
                 )
         buffers["t"][row] = state.t
@@ -126,8 +126,7 @@ class Recorder:
                     wrong = f"has {name} of shape {np.shape(value)}, and the first row of {first[name].shape[1:]}"
         if wrong:
             raise RecordingError(
-                f"{self._where}row {self._rows + 1} {wrong}; give the same columns in every row, NaN where one is "
-                "unknown"
+                f"{self._where}row {self._rows} {wrong}; give the same columns in every row, NaN where one is unknown"
             )
 
     def _check_extras(self, extras: Mapping[str, Array], further: Mapping[str, Array]) -> None:

@@ -118,9 +118,7 @@ def test_a_row_that_no_reader_takes_is_refused_when_it_comes_and_the_rows_before
     path = tmp_path / "r.arrow"
     rows = [sample(tick) for tick in range(at + 1)]
     rows[at] = Sample(replace(rows[at].state, **changes), rows[at].command)
-    with pytest.raises(
-        RecordingError, match=rf"r\.arrow: row {at + 1}: {said}.*see to what the hand's backend reports$"
-    ):
+    with pytest.raises(RecordingError, match=rf"r\.arrow: row {at}: {said}.*see to what the hand's backend reports$"):
         list(recorded(rows, path, spec, 0.003))
     kept = load(path)
     assert (len(kept), kept.complete) == (at, True)

@@ -301,7 +301,7 @@ def test_an_extra_column_hides_none_of_the_recordings_own_and_has_one_axis(
 def test_a_command_of_another_kind_than_the_first_is_named(tmp_path: Path, spec: HandSpec) -> None:
     recorder = Recorder(tmp_path / "r.arrow", spec, 0.003)
     recorder.add(sample(0))
-    with pytest.raises(RecordingError, match="row 2 has no command_torque, which the first row has"):
+    with pytest.raises(RecordingError, match="row 1 has no command_torque, which the first row has"):
         recorder.add(Sample(state(1), PositionCommand(np.zeros(16))))
     recorder.close()
     assert len(load(tmp_path / "r.arrow")) == 1
