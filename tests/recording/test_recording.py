@@ -268,7 +268,7 @@ def test_a_row_with_other_extra_columns_than_the_first_is_named_and_the_rows_bef
     def extras() -> dict[str, Array]:
         return {"palm": np.full(7, rows), "force": np.ones(3)} if rows < at else changed
 
-    said = rf"r\.arrow: row {at + 1} {message}; give the same columns in every row"
+    said = rf"r\.arrow: row {at} {message}; give the same columns in every row"
     with pytest.raises(RecordingError, match=said):
         for _ in recorder_module.record(map(sample, range(300)), path, spec, 0.003, extras=extras):
             rows += 1
