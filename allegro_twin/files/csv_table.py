@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from io import StringIO
 from pathlib import Path
 from typing import NamedTuple
 
@@ -32,7 +33,7 @@ def parse_csv(content: bytes, path: Path) -> CsvTable:
     there are names.
     """
     try:
-        reader = csv.reader(content.decode("utf-8-sig").splitlines(keepends=True))
+        reader = csv.reader(StringIO(content.decode("utf-8-sig"), newline=""))
         found = [CsvRow(reader.line_num, [value.strip() for value in row]) for row in reader]
     except (UnicodeDecodeError, csv.Error) as error:
         raise ConfigError(f"{path}: cannot be read as a table: {error}") from error

@@ -19,6 +19,11 @@ def test_a_table_is_read_with_excels_mark_spaces_and_lines_without_a_value() -> 
     assert parse_csv(b"", PATH) == ([], [])
 
 
+def test_a_value_has_whatever_signs_it_has_and_lines_end_as_on_any_computer() -> None:
+    table = parse_csv('name,x\r"left\u2028hand\nof mine",1\rb\x0bc,2\r'.encode(), PATH)
+    assert [row.values for row in table.rows] == [["left\u2028hand\nof mine", "1"], ["b\x0bc", "2"]]
+
+
 @pytest.mark.parametrize(
     ("content", "said"),
     [
