@@ -182,6 +182,17 @@ def test_many_side_by_side_are_saved_each_by_itself() -> None:
     np.testing.assert_array_equal([envs.step(action)[0] for _ in range(4)], first)
 
 
+def test_a_computer_that_renders_nothing_is_not_told_as_a_placement_out_of_reach(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refuse(*_: Any) -> None:
+        raise ConfigError("nothing can be rendered here")
+
+    monkeypatch.setattr("allegro_twin.cell.pick.episode.DepthCamera", refuse)
+    with pytest.raises(ConfigError, match="^nothing can be rendered here$"):
+        apple(perception=True).reset(seed=0)
+
+
 def test_nothing_earns_little_and_picks_nothing() -> None:
     env = apple()
     env.reset(seed=1)

@@ -152,6 +152,8 @@ class Episodes:
         asked for, and then there is no episode."""
         name = self._draw(draws) if options.object is None else options.object
         self.scene, self._draws = self._of(name), draws
+        if self._pipeline is not None:
+            self._eye(self.scene)  # Where nothing can be rendered, no other placement helps.
         why = ""
         for _ in range(_TRIES):
             place = draws.uniform(-self.settings.place, self.settings.place, 2)
