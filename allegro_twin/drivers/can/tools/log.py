@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 import struct
 import threading
 import time
@@ -29,6 +30,10 @@ _FLUSH, _CONTAINER = 128, 6144
 loses 0.1 s of one hand's bus."""
 _READERS: dict[str, Any] = {".blf": can.BLFReader, ".log": can.CanutilsLogReader, ".asc": can.ASCReader}
 _BROKEN = (ValueError, IndexError, KeyError, struct.error, zlib.error, can.CanError, BLFParseError, EOFError)
+
+_CERTAIN, _FEWEST, _OFTEN = 1000, 32, 5.0
+"""Frames after which it is known whether times count from the frame before, least frames to say so, and how often such
+times go through their span."""
 
 
 def check_suffix(path: Path) -> None:
@@ -119,6 +124,33 @@ class LoggedBus(can.BusABC):
         self._log(message)
 
 
+class _LogTimes:
+    """Tells times that count from the frame before from those of one clock, which may be set, and whose frames may be a
+    little out of order: a sum of steps that is many times the span from the first to the last."""
+
+    def __init__(self, path: Path) -> None:
+        self.refusal = (
+            f"{path}: its times count from the frame before, of which a reader does not see every one: save it with "
+            "absolute times (candump: -t a)"
+        )
+        self._forward, self._frames = 0.0, 0
+        self._earliest, self._latest, self._last = math.inf, -math.inf, math.nan
+
+    def add(self, t: float) -> None:
+        """The next frame's time, s. Raises RecordingError once it is certain."""
+        if t > self._last:
+            self._forward += t - self._last
+        self._earliest, self._latest, self._last = min(self._earliest, t), max(self._latest, t), t
+        self._frames += 1
+        if self._frames == _CERTAIN:
+            self.check()
+
+    def check(self) -> None:
+        """Raise RecordingError for a log, so far, whose times count from the frame before."""
+        if self._frames >= _FEWEST and self._forward > _OFTEN * (self._latest - self._earliest):
+            raise RecordingError(self.refusal)
+
+
 def frames_of_log(path: Path, bus: str | None = None) -> Iterator[tuple[Stamped, str]]:
     """Every classic frame of a log with its time, s, and the bus it was on; of one bus alone, if `bus` names it.
 
@@ -128,13 +160,20 @@ def frames_of_log(path: Path, bus: str | None = None) -> Iterator[tuple[Stamped,
     try:
         # Opened here, for a reader that does not like what it finds leaves its file open.
         with path.open("rb" if path.suffix == ".blf" else "r") as file:
-            for message in _READERS[path.suffix](file):
+            times, reader = _LogTimes(path), _READERS[path.suffix](file)
+            for message in reader:
+                if getattr(reader, "timestamps_format", "") == "relative":  # Vector's text logs say so.
+                    raise RecordingError(times.refusal)
+                times.add(message.timestamp)
                 where = str(message.channel)
                 if message.is_error_frame or message.is_extended_id or message.is_fd or bus not in (None, where):
                     continue
                 data = b"" if message.is_remote_frame else bytes(message.data)
                 frame = Frame(message.arbitration_id, data, message.is_remote_frame)
                 yield Stamped(frame, message.timestamp), where
+            times.check()
+    except RecordingError:
+        raise
     except _BROKEN as error:
         hint = "; make it with `candump -l` or -L" if path.suffix == ".log" else ""
         raise RecordingError(f"{path} is no bus log that python-can can read: {error}{hint}") from error
