@@ -119,6 +119,13 @@ def test_what_is_wrong_before_anything_moves_ends_with_2(command: Run) -> None:
     assert command(*CONFIG, "--follow")[0] == 2
 
 
+def test_an_object_that_nobody_knows_is_named_with_the_cells_file_and_its_key(tmp_path: Path, command: Run) -> None:
+    config = tmp_path / "cell.yaml"
+    config.write_text((data_root() / "conf" / "lab_allegro.yaml").read_text().replace("{name: apple", "{name: aple"))
+    code, _, errors = command("lab", config)
+    assert (code, "cell.yaml: objects.0: no object named 'aple'; did you mean 'apple'" in errors) == (2, True)
+
+
 def test_a_mesh_is_taken_by_the_unit_that_is_said(
     command: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
