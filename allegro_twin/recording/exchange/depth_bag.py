@@ -174,8 +174,8 @@ def _check_metres(depth: NDArray[np.float32], where: str) -> None:
     middle = float(np.median(known)) if len(known) else 0.0
     if middle > _FARTHEST:
         raise ConfigError(
-            f"{where}: half of the depths are beyond {middle:.3g} m, so they look like mm; floats are read as m: divide "
-            "them by 1000, or record pictures of whole mm as 16UC1"
+            f"{where}: half of the depths are beyond {middle:.3g} m, so they look like mm; floats are read as m: "
+            "divide them by 1000, or record pictures of whole mm as 16UC1"
         )
 
 
