@@ -205,7 +205,9 @@ def test_what_is_put_away_and_is_not_in_the_tray_in_truth_is_named_with_where_it
     end = CellOutcome("missed", "left", "2 objects put away, so the cell takes it for cleared; in truth tall neither …")
     report = LabReport(end, (), 1, None, None, None, float("nan"), 0.0, "cube", (), 2, ("cube",), ("pea",), ("tall",))
     said, last = lab.outcome_lines(report)
-    assert said == "2 put into the tray; in truth in it: cube; on the table: pea; off the table: tall"
+    assert (
+        said == "2 put into the tray, as the cell counts; in truth in it: cube; on the table: pea; off the table: tall"
+    )
     assert last.startswith("missed: left; 2 objects put away")
 
 
