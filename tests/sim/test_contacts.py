@@ -8,10 +8,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.metrics.carrying import least_effort
 from allegro_twin.grasping.metrics.trial_metrics import contact_metrics, contacts_in_scene
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.sim.contact.contacts import SceneContacts, contact_jacobians, find_contacts
+from allegro_twin.sim.contact.probe import contact_free_postures
 from allegro_twin.sim.model.parts import part_names
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.sim.objects.catalogue import GraspObject, PlacedObject
@@ -49,6 +51,16 @@ def test_the_forces_of_the_contacts_carry_the_weight(side: Side) -> None:
     assert ((touch.depth > 0) & (touch.depth < 1e-3)).all()
     np.testing.assert_array_equal(touch.friction, 0.8)
     np.testing.assert_array_equal(touch.torsion, 0.01)
+
+
+def test_postures_in_which_something_always_touches_are_refused_with_the_two_bodies(spec: HandSpec) -> None:
+    up = np.array([0.5**0.5, 0.0, -(0.5**0.5), 0.0])
+    inside = PlacedObject(GraspObject("cube", "box", (0.03, 0.03, 0.03), MASS), (0.03, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+    model = compile_scene(spec, Stage(np.zeros(3), up, [inside]))
+    with pytest.raises(ConfigError, match="something touches in each of 2 postures, such as palm_link and cube: where"):
+        contact_free_postures(model, spec, np.array([spec.rest, spec.rest]), 1)
+    bare = compile_scene(spec, Stage(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])))
+    np.testing.assert_array_equal(contact_free_postures(bare, spec, spec.rest[None], 1), spec.rest[None])
 
 
 def test_the_length_is_from_the_centre_to_the_farthest_corner(spec: HandSpec) -> None:

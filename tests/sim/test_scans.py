@@ -146,6 +146,17 @@ def test_a_unit_after_a_number_in_a_name_is_that_of_a_size(tmp_path: Path) -> No
         assert stated_unit(tmp_path / name) == (None if name == "mug2_inches" else unit)
 
 
+def test_a_unit_in_a_name_that_makes_no_usual_thing_is_asked_about_where_another_unit_does(tmp_path: Path) -> None:
+    nut, tray = moved(bottle(), (0, 0, 0), 0.030 / 0.19), moved(bottle(), (0, 0, 0), 0.4 / 0.19)
+    file = obj(tmp_path / "half_inch_nut.obj", nut.vertices, nut.faces.tolist(), 0.001)
+    said = r"762 mm across in inch, which its name says, and 30 mm in mm \(--scale 0\.001\) or 300 mm in cm .*: say"
+    with pytest.raises(ConfigError, match=said):
+        make_clean(file)
+    assert make_clean(file, ScanSettings(0.0254)).report.extents[2] == pytest.approx(0.762)
+    large = obj(tmp_path / "tray_mm.obj", tray.vertices, tray.faces.tolist(), 0.001)  # In cm it is larger still.
+    assert make_clean(large).report.unit == "mm, by its name"
+
+
 def test_a_unit_that_a_file_states_is_known_or_refused_with_those_that_are(tmp_path: Path) -> None:
     file = tmp_path / "scan.obj"
     for text, unit in (("unit system: feet", "ft"), ("units: decimeters", "dm"), ("units: microns", "um"),

@@ -297,6 +297,9 @@ def joint_vector(angles: Mapping[str, list[float]], spec: HandSpec, what: str) -
         if len(row) != len(joints):
             raise ConfigError(f"{what}: {name} has {len(joints)} joints, not {len(row)}")
         values[list(joints)] = row
+    names = [finger.name for finger in spec.fingers] if spec.aliases else spec.joints
+    if missing := [name for name in names if name not in angles]:
+        raise ConfigError(f"{what}: {', '.join(missing)} missing: give the angles of every finger, rad")
     return spec.vector(values, what)
 
 

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from allegro_twin.errors import ConfigError
 from allegro_twin.sim.model.contact_forces import contact_forces
 from allegro_twin.sim.model.joints import PostureMap
 from allegro_twin.sim.model.parts import body_parts, part_names
@@ -102,10 +103,11 @@ class ObjectProbe:
 
 
 def contact_free_postures(model: mujoco.MjModel, spec: HandSpec, postures: Array, count: int) -> Array:
-    """The first `count` of some postures (k, n), rad, in which nothing of the scene touches, (count, n)."""
+    """The first `count` of some postures (k, n), rad, in which nothing of the scene touches, (count, n). Raises
+    ConfigError, which names two bodies that touch, where there is none."""
     data = mujoco.MjData(model)
     posed = PostureMap(spec, model)
-    found = []
+    found: list[Array] = []
     for posture in postures:
         posed(posture, data.qpos)
         mujoco.mj_kinematics(model, data)
@@ -115,4 +117,10 @@ def contact_free_postures(model: mujoco.MjModel, spec: HandSpec, postures: Array
             found.append(posture)
         if len(found) == count:
             break
+    if not found:
+        first, second = (model.body(model.geom_bodyid[geom]).name for geom in data.contact.geom[0])
+        raise ConfigError(
+            f"{spec.name}: something touches in each of {len(postures)} postures, such as {first} and {second}: where "
+            "they overlap at rest move them apart in the model, or let the pair through each other"
+        )
     return np.array(found)

@@ -151,6 +151,11 @@ def stated_unit(path: Path) -> str | None:
     that of a size, as in `cube_5_cm.stl`. Raises ConfigError for a stated one that is not known."""
     if path.suffix.lower() in (".glb", ".gltf"):
         return "m"
+    return _unit_inside(path) or _unit_in_name(path)
+
+
+def _unit_inside(path: Path) -> str | None:
+    """The unit in a file's comments. Raises ConfigError for a stated one that is not known."""
     with path.open("rb") as file:
         head = file.read(4096).decode("utf-8", "ignore").lower()
     known = _WORDS | _MORE
@@ -164,6 +169,11 @@ def stated_unit(path: Path) -> str | None:
                 raise ConfigError(
                     f"{path}: its unit, {word!r}, is none of {', '.join(UNITS)}: say it in m, --scale 0.001 for mm"
                 )
+    return None
+
+
+def _unit_in_name(path: Path) -> str | None:
+    """The unit in a file's name, but for one after a number."""
     words = re.findall(r"[a-z]+|\d+", path.stem.lower())
     for before, word in zip(["", *words], words, strict=False):
         word = word.rstrip("s")
@@ -492,7 +502,11 @@ def find_unit(path: Path, scan: Scan, scale: float | None, points: Numbers) -> t
         own = f"units of {scale:g} m"
         unit, name = scale, f"{next((name for name, each in UNITS.items() if each == scale), own)}, as said"
     elif scan.unit is not None and (scan.unit != "m" or in_metres or LARGE < size <= LARGEST):
-        unit, name = UNITS[scan.unit], f"{scan.unit}, by its {'format' if in_metres else 'file'}"
+        named = not in_metres and _unit_inside(path) is None
+        if named:
+            _check_name(path, scan.unit, size)
+        origin = "format" if in_metres else "name" if named else "file"
+        unit, name = UNITS[scan.unit], f"{scan.unit}, by its {origin}"
     elif size <= LARGE:
         unit, name = 1.0, "m"
     else:
@@ -504,6 +518,21 @@ def find_unit(path: Path, scan: Scan, scale: float | None, points: Numbers) -> t
             f"--scale 0.001 for mm (`scale: 0.001` in a scenario), 0.01 for cm, 0.0254 for inches"
         )
     return name, unit
+
+
+def _check_name(path: Path, named: str, size: float) -> None:
+    """Raise ConfigError for a unit in a file's name which makes of its numbers no usual thing for a hand, while another
+    unit does: `half_inch_nut` is in mm."""
+    low, high = _USUAL
+    usual = [name for name in _GUESSED if low <= size * UNITS[name] <= high]
+    if usual and not low <= size * UNITS[named] <= high:
+        others = " or ".join(
+            f"{1000 * size * UNITS[name]:.3g} mm in {name} (--scale {UNITS[name]:g})" for name in usual
+        )
+        raise ConfigError(
+            f"{path}: {1000 * size * UNITS[named]:.3g} mm across in {named}, which its name says, and {others}: say "
+            f"which, --scale {UNITS[named]:g} for {named} (`scale: {UNITS[named]:g}` in a scenario)"
+        )
 
 
 def _likely_unit(path: Path, size: float) -> str:

@@ -33,8 +33,21 @@ class Demonstration:
         times, positions = zip(*self._rows, strict=True)
         return trim_demonstration(np.array(times), self._inside(np.array(positions)), tolerance=tolerance)
 
+    def clipped(self) -> str:
+        """Which joint went furthest beyond its limits, where it was by more than a stop yields, and by how much; empty
+        where none did. What is taught ends at the limits."""
+        position = np.array([each for _, each in self._rows])
+        if not len(position):
+            return ""
+        excess = np.maximum(self._spec.lower - position, position - self._spec.upper)
+        row, joint = np.unravel_index(int(excess.argmax()), excess.shape)
+        if excess[row, joint] <= GIVE:
+            return ""
+        return (
+            f"{self._spec.joint_labels[int(joint)]} went {excess[row, joint]:.3f} rad beyond its limit; what is stored "
+            "ends there"
+        )
+
     def _inside(self, positions: Array) -> Array:
-        """A joint that leans on its stop gives a little; what is taught ends at the limit. Anything further beyond it
-        stays, and is refused by whoever is asked to repeat it."""
-        inside: Array = np.clip(positions, self._spec.lower, self._spec.upper)
-        return np.where(np.abs(inside - positions) <= GIVE, inside, positions)
+        """A joint that leans on its stop gives; what is taught ends at the limit."""
+        return np.clip(positions, self._spec.lower, self._spec.upper)

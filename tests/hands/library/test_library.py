@@ -366,6 +366,7 @@ HOME = {name: [0.0, 0.0, 0.0, 0.0] for name in ("index", "middle", "ring")} | {"
     [
         (wrong({"angles": HOME | {"index": [0.0, 1.71, 0.0, 0.0]}}), "bad: angles: index_1 = 1.7100 rad is 0.1"),
         (wrong({"angles": HOME | {"index": [0.0, 0.0, 0.0]}}), "index has 4 joints, not 3"),
+        (wrong({"angles": {"index": [0.0] * 4}}), "middle, ring, thumb missing: give the angles of every finger, rad"),
         (wrong({"angles": {**HOME, "pinky": [0.0] * 4}}), "no finger named 'pinky'"),
         (wrong({"angels": HOME}), "bad: kind: missing; it is one of posture, grasp, trajectory"),
         (wrong({"kind": "posure", "angles": HOME}), "no kind named 'posure'; did you mean 'posture'"),

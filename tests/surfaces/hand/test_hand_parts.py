@@ -203,13 +203,19 @@ def test_the_aperture_is_between_the_surfaces_of_the_fingertips(spec: HandSpec, 
     assert aperture(model, home, spec, ("index", "thumb")) == pytest.approx(between - 0.024)  # Spheres of 12 mm.
 
 
-def test_a_demonstration_gives_a_leaning_joint_its_limit_and_keeps_what_is_further_beyond(spec: HandSpec) -> None:
-    leaning, far = spec.upper + 0.01, spec.upper + 0.05
+def test_what_is_taught_ends_at_the_limits_and_a_joint_that_went_far_beyond_is_named(spec: HandSpec) -> None:
+    leaning, far = spec.upper + 0.01, spec.upper + np.where(np.arange(16) == 2, 0.05, 0.01)
     demonstration = Demonstration(spec)
+    assert demonstration.clipped() == ""
     demonstration(sample(0, leaning))
     np.testing.assert_array_equal(demonstration.posture(), spec.upper)
+    assert demonstration.clipped() == ""
     demonstration(sample(1, far))
-    np.testing.assert_array_equal(demonstration.posture(), far)
+    demonstration(sample(2, leaning))
+    demonstration(sample(3, spec.lower))
+    moved = demonstration.motion().positions
+    np.testing.assert_array_equal(moved, np.clip(moved, spec.lower, spec.upper))
+    assert demonstration.clipped() == "index_2 went 0.050 rad beyond its limit; what is stored ends there"
 
 
 def test_a_motion_that_never_settles_is_over_half_a_second_after_its_end() -> None:

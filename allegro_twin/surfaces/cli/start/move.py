@@ -76,6 +76,7 @@ def teach(
     """Store a posture or motion that you show with your hands."""
     from allegro_twin.app.config import load_config
     from allegro_twin.app.rig import spec_of
+    from allegro_twin.hands.description.specs import card_side
     from allegro_twin.hands.library.entries import posture_entry, trajectory_entry
     from allegro_twin.hands.library.library import Library
     from allegro_twin.surfaces.cli import console
@@ -88,7 +89,8 @@ def teach(
         raise ConfigError(f"{name!r} is a {old.kind} in {into} already: --force replaces it, or choose another name")
     opened = Hand.open(settings, background=sys.stdin.isatty())
     with options.interruptible(into), opened as hand:
-        console.say(f"Move the fingers; {seconds:g} s from now on.")
+        limp = "" if "gravity" in hand.controllers else ", which nothing holds: support them"
+        console.say(f"Move the fingers{limp}; {seconds:g} s from now on.")
         with hand.teach() as demonstration:
             hand.wait(seconds)
         if motion:
@@ -97,7 +99,9 @@ def teach(
         else:
             library.add(name, posture_entry(demonstration.posture(), hand.spec), hand.spec)
         library.store(name, into)
-    console.say(f"{name} is in {into}, for the right and the left hand")
+    console.warn(demonstration.clipped())
+    both = ", for the right and the left hand" if card_side(hand.spec.model) is None else ""
+    console.say(f"{name} is in {into}{both}")
 
 
 def play(
