@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import copy
+import io
+import os
 import struct
 import threading
 import time
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import can
 from can.io.blf import BLFParseError
@@ -27,6 +29,8 @@ SUFFIXES = (".blf", ".log", ".asc")
 _FLUSH, _CONTAINER = 128, 6144
 """Frames, and bytes of a .blf's compressed block, after which what was heard goes to the file: a program that is killed
 loses 0.1 s of one hand's bus."""
+_BLF_OBJECT = 16
+"""Bytes of the header of each object in a .blf, in which the object's size stands from byte 8 on."""
 _READERS: dict[str, Any] = {".blf": can.BLFReader, ".log": can.CanutilsLogReader, ".asc": can.ASCReader}
 _BROKEN = (ValueError, IndexError, KeyError, struct.error, zlib.error, can.CanError, BLFParseError, EOFError)
 
@@ -119,23 +123,69 @@ class LoggedBus(can.BusABC):
         self._log(message)
 
 
-def frames_of_log(path: Path, bus: str | None = None) -> Iterator[tuple[Stamped, str]]:
+class _Lines(io.TextIOWrapper):
+    """Lines of a text log, up to one without an end: such a line may lack digits and still look whole."""
+
+    number = 0
+    """Number of the last line that was read, from 1 on."""
+    cut = False
+
+    def __next__(self) -> str:  # type: ignore[override]  # Typeshed says bytes of every file.
+        line = super().__next__()
+        self.number += 1
+        if not line.endswith("\n"):
+            self.cut = True
+            raise StopIteration
+        return line
+
+
+def _cut_block(file: BinaryIO) -> bool:
+    """Whether the last object of a .blf is cut. Leaves the file at its beginning."""
+
+    def number(place: int) -> int:
+        file.seek(place)
+        return int.from_bytes(file.read(4), "little")
+
+    end, at = os.fstat(file.fileno()).st_size, number(4)
+    while at + _BLF_OBJECT <= end and (size := number(at + 8)) >= _BLF_OBJECT:
+        at += size
+        if at < end:
+            at += size % 4  # Padding, which the last object may lack.
+    file.seek(0)
+    return at > end or 0 < end - at < _BLF_OBJECT
+
+
+def frames_of_log(path: Path, bus: str | None = None, found: Found | None = None) -> Iterator[tuple[Stamped, str]]:
     """Every classic frame of a log with its time, s, and the bus it was on; of one bus alone, if `bus` names it.
 
-    Raises ConfigError or RecordingError.
+    A line or block at the end that is cut ends the log, and `found` has it. Raises ConfigError or RecordingError.
     """
     check_suffix(path)
+    found = found if found is not None else Found()
+    lines: _Lines | None = None
+    heard = 0
     try:
         # Opened here, for a reader that does not like what it finds leaves its file open.
-        with path.open("rb" if path.suffix == ".blf" else "r") as file:
-            for message in _READERS[path.suffix](file):
+        with path.open("rb") as file:
+            if path.suffix == ".blf":
+                found.cut = "block" if _cut_block(file) else ""
+            else:
+                lines = _Lines(file)
+            for message in _READERS[path.suffix](lines or file):
+                heard += 1
                 where = str(message.channel)
                 if message.is_error_frame or message.is_extended_id or message.is_fd or bus not in (None, where):
                     continue
                 data = b"" if message.is_remote_frame else bytes(message.data)
                 frame = Frame(message.arbitration_id, data, message.is_remote_frame)
                 yield Stamped(frame, message.timestamp), where
+            if lines is not None and lines.cut:
+                found.cut = "line"
     except _BROKEN as error:
+        if heard and found.cut and isinstance(error, struct.error):
+            return  # The head of the last block is cut.
+        if heard and lines is not None:
+            raise RecordingError(f"{path}, line {lines.number}: no frame that python-can can read: {error}") from error
         hint = "; make it with `candump -l` or -L" if path.suffix == ".log" else ""
         raise RecordingError(f"{path} is no bus log that python-can can read: {error}{hint}") from error
     except FileNotFoundError as error:
@@ -160,7 +210,7 @@ def samples_of_log(
     """
     found = found if found is not None else Found()
     heard = Samples(codec, settings, found, side)
-    for (frame, t), where in frames_of_log(path, bus):
+    for (frame, t), where in frames_of_log(path, bus, found):
         sample = heard.hear(frame, t, where)
         if sample is not None:
             yield sample

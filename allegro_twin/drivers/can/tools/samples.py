@@ -36,6 +36,8 @@ class Found:
     malformed: int = 0
     uncommanded: int = 0
     """States before the first torques: their torque is NaN, and their command zero, for a command cannot be NaN."""
+    cut: str = ""
+    """What the end of a log is cut in: a `line`, which is left out, or a `block`; empty: neither."""
 
     def summary(self) -> str:
         """What is not as it should be, in words."""
@@ -45,7 +47,8 @@ class Found:
             "malformed frames": self.malformed,
             "rows before the first torque frame, whose command is written as 0": self.uncommanded,
         }
-        return ", ".join(f"{count} {what}" for what, count in parts.items() if count)
+        said = [f"{count} {what}" for what, count in parts.items() if count]
+        return ", ".join([*said, *([f"a last {self.cut} that is cut"] if self.cut else [])])
 
 
 class Samples:
