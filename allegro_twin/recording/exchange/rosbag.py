@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import sqlite3
 import struct
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
@@ -32,6 +33,8 @@ from allegro_twin.types import Array, Vector
 SUFFIXES = (".mcap", ".db3", ".bag")
 MEASURED = "joint_states"
 """Last name of a topic on which joints are measured, by the convention of ROS; on others they may be commands."""
+_URI = "?#%"
+"""Signs of a path that rosbags gives to SQLite as they are, which takes them for parts of a URI."""
 _FASTEST = 1e-4  # s; messages that come faster come twice.
 _OFF = 0.2  # Share of the period: further off, the config's period is not the bag's.
 
@@ -253,7 +256,9 @@ def to_mcap(recording: Recording, path: Path) -> None:
 
 def to_rosbag2(recording: Recording, folder: Path) -> None:
     """Write a folder with metadata.yaml and SQLite, which every distribution reads without further packages. Raises
-    ConfigError for a folder with content, and RecordingError."""
+    ConfigError for a folder with content or a path that SQLite does not take, and RecordingError."""
+    if any(sign in _URI for sign in str(folder)):
+        raise ConfigError(f"{folder}: a rosbag2 is written where the path has none of {' '.join(_URI)}")
     with atomic_folder(folder) as temporary:
         inner = temporary / "bag"
         _write(recording, inner, mcap=False)
@@ -276,6 +281,8 @@ def _write(recording: Recording, folder: Path, *, mcap: bool) -> None:
 
 
 def _write_messages(folder: Path, topics: Sequence[BagTopic], messages: Iterable[BagMessage], *, mcap: bool) -> None:
+    """Write a bag into a new folder, under a temporary name. Raises OSError, of which the caller makes an error that
+    names what was asked for."""
     words = ros_types()
     from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 
@@ -285,8 +292,8 @@ def _write_messages(folder: Path, topics: Sequence[BagTopic], messages: Iterable
             opened = {topic.name: _connection(writer, words, topic) for topic in topics}
             for name, at, message in messages:
                 writer.write(opened[name], at, words.encode(message))
-    except (OSError, WriterError) as error:
-        raise RecordingError(f"cannot write the bag {folder.parent}: {error}") from error
+    except (WriterError, sqlite3.Error) as error:
+        raise OSError(str(error)) from error
 
 
 def _connection(writer: object, words: RosTypes, topic: BagTopic) -> object:
