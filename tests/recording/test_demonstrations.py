@@ -63,6 +63,14 @@ def test_every_episode_comes_back_as_it_was(there_and_back: Pair, episodes: list
         assert not differing(episode, back(tmp_path / "set-v0", number))
 
 
+def test_a_set_in_a_folder_whose_name_is_not_utf8_comes_back_as_it_was(
+    there_and_back: Pair, episodes: list[Recording], tmp_path: Path
+) -> None:
+    there, back = there_and_back
+    there(episodes, tmp_path / "n\udce4me" / "set-v0")
+    assert not differing(episodes[1], back(tmp_path / "n\udce4me" / "set-v0", 1))
+
+
 def test_what_comes_back_drives_a_replay(there_and_back: Pair, episodes: list[Recording], tmp_path: Path) -> None:
     there, back = there_and_back
     there(episodes, tmp_path / "set-v0")

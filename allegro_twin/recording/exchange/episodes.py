@@ -94,5 +94,5 @@ def write_arrow(recording: Recording, path: Path) -> None:
     arrays = {name: arrow_column(values) for name, values in recording.columns.items()}
     fields = [pa.field(name, a.type).with_metadata({"unit": UNITS.get(name, "")}) for name, a in arrays.items()]
     schema = pa.schema(fields, metadata={"allegro_twin": json.dumps(dict(recording.meta))})
-    with atomic_file(path) as temporary, pa.ipc.new_stream(str(temporary), schema) as writer:
+    with atomic_file(path) as temporary, temporary.open("wb") as file, pa.ipc.new_stream(file, schema) as writer:
         writer.write_table(pa.table(list(arrays.values()), schema=schema))

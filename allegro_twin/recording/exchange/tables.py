@@ -1,4 +1,7 @@
-"""Recordings as tables: Parquet and CSV."""
+"""Recordings as tables: Parquet and CSV.
+
+Arrow opens only names that are UTF-8; Python opens every one.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +23,8 @@ def to_parquet(recording: Recording, path: Path) -> None:
     """Write one column of lists per quantity, as in the recording; the metadata goes along as JSON."""
     arrays = {name: arrow_column(values) for name, values in recording.columns.items()}
     table = pa.table(arrays).replace_schema_metadata({"allegro_twin": json.dumps(dict(recording.meta))})
-    with atomic_file(path) as temporary:
-        pyarrow.parquet.write_table(table, temporary)
+    with atomic_file(path) as temporary, temporary.open("wb") as file:
+        pyarrow.parquet.write_table(table, file)
 
 
 def to_csv(recording: Recording, path: Path) -> None:
@@ -34,5 +37,5 @@ def to_csv(recording: Recording, path: Path) -> None:
             continue
         labels = number_names(spec, name, values.shape[1])
         columns |= {label: np.ascontiguousarray(values[:, i]) for i, label in enumerate(labels)}
-    with atomic_file(path) as temporary:
-        pyarrow.csv.write_csv(pa.table(columns), temporary)
+    with atomic_file(path) as temporary, temporary.open("wb") as file:
+        pyarrow.csv.write_csv(pa.table(columns), file)
