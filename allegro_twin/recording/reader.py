@@ -78,14 +78,23 @@ def parse_stream(content: bytes, name: str) -> ArrowStream:
 
 
 def numpy_column(column: pa.ChunkedArray) -> Array:
-    """Convert a column to an array (k,) or (k, width), read-only."""
+    """Convert a column to an array (k,) or (k, width), read-only. A null, as other programs write NaN, is NaN."""
     if pa.types.is_fixed_size_list(column.type):
-        flat = np.concatenate([chunk.flatten().to_numpy() for chunk in column.chunks])
-        values = flat.reshape(-1, column.type.list_size)
+        values = np.concatenate([_list_rows(chunk) for chunk in column.chunks])
     else:
         values = column.to_numpy()
     values.setflags(write=False)
     return values
+
+
+def _list_rows(chunk: Any) -> Array:
+    """Rows of lists of one size, (k, width)."""
+    width = chunk.type.list_size
+    if not chunk.null_count:
+        return np.asarray(chunk.flatten().to_numpy(zero_copy_only=False)).reshape(-1, width)
+    rows: Array = np.full((len(chunk), width), np.nan)
+    rows[chunk.is_valid().to_numpy(zero_copy_only=False)] = _list_rows(chunk.drop_null())
+    return rows
 
 
 def _whole_batches(reader: Any) -> tuple[pa.Table, bool]:

@@ -92,7 +92,7 @@ def bad_row(columns: Mapping[str, Array], before: tuple[float, float] = (-math.i
     were `before` the first row, increase."""
     found: list[BadRow] = []
     command = next(each[0] for each in _COMMANDS if each[0] in columns)
-    for each in ("t", "position", command):
+    for each in ("t", "tick", "position", command):
         bad = ~np.isfinite(columns[each])
         if bad.any():
             row, *place = (int(k) for k in np.argwhere(bad)[0])

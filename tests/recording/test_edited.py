@@ -57,6 +57,17 @@ def changed(table: pa.Table, column: str, place: Any, value: Any) -> pa.Table:
     return table.set_column(table.schema.get_field_index(column), column, arrow_column(values))
 
 
+def without(table: pa.Table, column: str, row: int, joint: int | None = None) -> pa.Table:
+    """The table with a null in a row of a column, or for one joint in it, as other programs write NaN."""
+    rows = table.column(column).to_pylist()
+    if joint is None:
+        rows[row] = None
+    else:
+        rows[row][joint] = None
+    kind = table.schema.field(column).type
+    return table.set_column(table.schema.get_field_index(column), column, pa.array(rows, type=kind))
+
+
 Edit = Callable[[pa.Table], pa.Table]
 
 
@@ -69,6 +80,10 @@ Edit = Callable[[pa.Table], pa.Table]
         (lambda table: changed(table, "t", 50, np.nan), r"row 50: t is nan, not a finite number"),
         (lambda table: changed(table, "t", 50, 0.0), r"row 50: t is 0 after 0\.147"),
         (lambda table: changed(table, "position", (50, 3), np.nan), r"row 50: position\[3\] is nan"),
+        (lambda table: without(table, "position", 50), r"row 50: position\[0\] is nan"),
+        (lambda table: without(table, "position", 50, 3), r"row 50: position\[3\] is nan"),
+        (lambda table: without(table, "t", 50), r"row 50: t is nan"),
+        (lambda table: without(table, "tick", 50), r"row 50: tick is nan"),
         (lambda table: changed(table, "command_torque", (7, 15), np.inf), r"row 7: command_torque\[15\] is inf"),
         (lambda table: changed(table, "gravity", (50, 1), 1e5), r"row 50: gravity\[1\] is 100000 at 0\.150 s"),
         (lambda table: changed(table, "torque", (50, 1), -np.inf), r"row 50: torque\[1\] is -inf at 0\.150 s"),
@@ -98,6 +113,15 @@ def test_rows_and_columns_that_a_hand_cannot_have_given_are_refused(
         before = load(path, partial=True)
         assert (len(before), before.complete) == (int(row[1]), False)
         assert {len(column) for column in before.columns.values()} == {int(row[1])}
+
+
+@pytest.mark.parametrize("joint", [None, 3])
+def test_a_null_of_another_program_is_a_nan_in_its_own_row(tmp_path: Path, written: Path, joint: int | None) -> None:
+    own = read_stream(written)
+    path = write(tmp_path / "null.arrow", without(own.table, "velocity", 5, joint), own.meta)
+    found, wanted = load(path).columns["velocity"], load(written).columns["velocity"].copy()
+    wanted[5, slice(None) if joint is None else joint] = np.nan
+    np.testing.assert_array_equal(found, wanted)
 
 
 @pytest.mark.parametrize("at", [1, BATCH, BATCH + 50])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -317,3 +318,17 @@ def posture_at(grasp: Grasp, closed: float) -> Vector:
     stages = (grasp.preshape, grasp.close, grasp.squeeze)
     first = min(int(closed), 1)
     return np.asarray(stages[first] + (closed - first) * (stages[first + 1] - stages[first]))
+
+
+def closed_at(grasp: Grasp, posture: Vector) -> float:
+    """How far a grasp is closed in a posture, (n,), rad: of `posture_at`, the nearest."""
+    stages = (grasp.preshape, grasp.close, grasp.squeeze)
+    nearest, found = np.inf, 0.0
+    for number, (begin, end) in enumerate(pairwise(stages)):
+        way = end - begin
+        length = float(way @ way)
+        part = float(np.clip((posture - begin) @ way / length, 0.0, 1.0)) if length else 1.0
+        off = float(np.linalg.norm(posture - begin - part * way))
+        if off <= nearest:
+            nearest, found = off, number + part
+    return found

@@ -11,7 +11,7 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils import EzPickle
 from numpy.typing import ArrayLike, NDArray
 
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.learning.environments.engine import make_engine
 from allegro_twin.learning.environments.snapshot import EpisodeState, restore_episode, save_episode
 from allegro_twin.learning.environments.spaces import action_space, observation_space, with_episode_length
@@ -89,8 +89,10 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
         return self._observation(), _single_report(report)
 
     def step(self, action: Floats) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        engine = self.engine
-        actions = engine.clip_actions(np.asarray(action)[None])
+        engine, given = self.engine, np.asarray(action)
+        if given.shape != self.action_space.shape:
+            raise CommandError(f"an action must have shape {self.action_space.shape}, not {given.shape}")
+        actions = engine.clip_actions(given[None])
         engine.step(actions)
         seen = engine.observe()
         observation, (outcome, diverged), count = engine.fetch((seen, engine.outcome(actions, seen), engine.count))

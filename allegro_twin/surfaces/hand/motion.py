@@ -211,9 +211,13 @@ class MotionControl:
     def set_gravity(self, vector: ArrayLike | None) -> None:
         """Compensate this gravity from now on, or what the hand reports for None. Raises ConfigError."""
         if vector is not None:
-            vector = frozen(vector)
+            given = vector
+            try:
+                vector = frozen(given)
+            except (TypeError, ValueError):
+                vector = np.full(3, np.nan)  # Refused below.
             if vector.shape != (3,) or not np.isfinite(vector).all():
-                raise ConfigError(f"gravity needs three finite numbers in the palm frame, m/s²; not {vector}")
+                raise ConfigError(f"gravity needs three finite numbers in the palm frame, m/s²; not {given!r}")
             try:
                 check_gravity((float(vector[0]), float(vector[1]), float(vector[2])))
             except ValueError as error:

@@ -101,7 +101,7 @@ class TorqueModelBackend(ModelBackend):
         table, columns = recording.meta["calibration"], recording.columns
         used = recorded_calibration(table)
         self._observer, self._codec = observer, make_codec(table["version"], used)
-        self._limits, self._constant = table["pwm_limit"], np.array(used.torque_constant, dtype=float)
+        self._constant = np.array(used.torque_constant, dtype=float)
         self._rng, self._noise = (
             np.random.default_rng(0),
             recorded_encoder_noise(recording) if noisy else np.zeros(self.spec.n_joints),
@@ -112,7 +112,7 @@ class TorqueModelBackend(ModelBackend):
 
     def _simulate_period(self, command: Command, gravity: Vector) -> HostReading:
         lanes = self._codec.positions
-        _, torque = self._codec.torques.frames(torque_of(command, self.spec), self._limits)
+        _, torque = self._codec.torques.frames(torque_of(command, self.spec), self._codec.pwm_limits)
         expected = self._observer.alone(torque / self._constant, gravity).predicted
         expected = expected + self._noise * self._rng.standard_normal(len(expected))
         position = lanes.values(lanes.frames(expected).data)

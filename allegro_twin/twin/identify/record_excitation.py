@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -19,7 +20,7 @@ from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.hands.settings import TaskSettings
 from allegro_twin.loop import run, until
 from allegro_twin.plugins import BACKENDS
-from allegro_twin.recording.reader import Recording, load
+from allegro_twin.recording.reader import Recording, load, read_stream
 from allegro_twin.recording.recorder import record
 from allegro_twin.sim.settings import SimSettings
 from allegro_twin.twin.identify.motions.excitation import APPROACH, Excitation, ExcitationPose, find_pose, rehearse
@@ -54,13 +55,11 @@ def remaining_run(config: RunConfig, name: str, seconds: float, seed: int, folde
     """The remaining recording of a pose in a folder: None, all, or the rest of an interrupted one, in a file of its
     own; one that is of no use is recorded anew. Raises ConfigError, as for a folder that was recorded with another
     hand or seed, or RecordingError."""
-    hand_pose, recorded_seconds, files = find_pose(name, config.hand.side), 0.0, sorted(folder.glob(f"{name}_*.arrow"))
-    useless = list[Path]()
-    for file in files:
-        try:
-            recording = load(file, partial=True)
-        except RecordingError:
-            file.unlink()  # It has no rows yet.
+    hand_pose, recorded_seconds, useless = find_pose(name, config.hand.side), 0.0, list[int]()
+    files = numbered_files(name, folder)
+    for number, file in files.items():
+        recording = _load_partial(file)
+        if recording is None:
             continue
         _check_hand(recording, config)
         if (asked := recording.meta.get("excitation", {}).get("asked", seed)) != seed:
@@ -68,17 +67,37 @@ def remaining_run(config: RunConfig, name: str, seconds: float, seed: int, folde
                 f"{file} has the motion of seed {asked}, not {seed}: give --seed {asked}, or another --out"
             )
         if describe_loss(recording):
-            useless.append(file)
+            useless.append(number)
         else:
             recorded_seconds += len(recording) * config.period
     left = seconds - recorded_seconds
     if left < min(SHORTEST, seconds / 2.0):
         return None
-    numbers = [int(file.stem.rpartition("_")[2]) for file in useless or files]
-    number = numbers[0] if useless else max(numbers, default=0) + 1
+    number = useless[0] if useless else max(files, default=0) + 1
     return ExcitationRun(
         hand_pose, max(left, SHORTEST) + APPROACH, seed + 97 * number, seed, folder / f"{name}_{number}.arrow"
     )
+
+
+def numbered_files(name: str, folder: Path) -> dict[int, Path]:
+    """Recordings of a pose by their numbers, in order; a copy with a name of its own is none of them."""
+    found = {file: re.fullmatch(rf"{re.escape(name)}_([1-9]\d*)", file.stem) for file in folder.glob("*.arrow")}
+    return dict(sorted((int(match[1]), file) for file, match in found.items() if match))
+
+
+def _load_partial(file: Path) -> Recording | None:
+    """What a file holds; None, and the file is gone, for one of a process that ended before its first row. Raises
+    ConfigError for what cannot be read, which stays as it is."""
+    try:
+        stream = read_stream(file) if file.stat().st_size else None
+        if stream is None or not (stream.table.num_rows or stream.cut):
+            file.unlink()
+            return None
+        if not stream.table.num_rows:
+            raise RecordingError(f"{file} is damaged before its first whole row")
+        return load(file, partial=True)
+    except RecordingError as error:
+        raise ConfigError(f"{error}: move the file out of {file.parent}, or give another --out") from error
 
 
 def describe_loss(recording: Recording) -> str:

@@ -41,7 +41,7 @@ from allegro_twin.sim.settings import SceneSettings
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.joint_ends import JointEnds, find_joint_ends
 from allegro_twin.twin.identify.motions.excitation import ExcitationPose, find_pose
-from allegro_twin.twin.identify.record_excitation import pose_config, record_run, remaining_run
+from allegro_twin.twin.identify.record_excitation import numbered_files, pose_config, record_run, remaining_run
 from allegro_twin.twin.rehearsal.approach import approach_from
 from allegro_twin.twin.rehearsal.measures import Following
 from allegro_twin.twin.rehearsal.protocol import REST, rehearsal_trajectory
@@ -197,7 +197,7 @@ def excite_in_pose(
     job = remaining_run(config, pose_name, seconds, seed, folder)
     if job is not None:
         record_run(config, job, advance, physics)
-    return sorted(folder.glob(f"{pose_name}_*.arrow"))
+    return list(numbered_files(pose_name, folder).values())
 
 
 def hold_posture(

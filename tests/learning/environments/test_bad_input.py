@@ -214,6 +214,13 @@ def test_a_mesh_has_a_batch_of_its_own_and_leaves_this_one_as_it_was() -> None:
     np.testing.assert_array_equal(seen, same)
 
 
+def test_an_action_of_another_length_is_refused_in_the_shape_of_one_action() -> None:
+    env = HandEnv("Reach")
+    env.reset(seed=0)
+    with pytest.raises(CommandError, match=r"^an action must have shape \(16,\), not \(15,\)$"):
+        env.step(np.zeros(15, np.float32))
+
+
 def test_in_a_batch_the_simulation_is_named_too() -> None:
     envs = HandVectorEnv("Reach", 3)
     envs.reset(seed=0)

@@ -192,6 +192,12 @@ ASKED: list[tuple[str, Ask, str]] = [
     ("controller", lambda hand: hand.set_controller("pids"), "no controller named 'pids'"),  # type: ignore[arg-type]
     ("torque", lambda hand: hand.set_controller("torque", torque=np.inf), "every value must be finite"),
     ("gravity", lambda hand: setattr(hand, "gravity", [0.0, 1.0]), "three finite numbers"),
+    (
+        "gravity word",
+        lambda hand: setattr(hand, "gravity", "down"),
+        "three finite numbers .*; not 'down'",
+    ),
+    ("gravity rows", lambda hand: setattr(hand, "gravity", [[0.0], [1.0, 2.0]]), "three finite numbers"),
     ("margin", lambda hand: hand.set_margin(9.0), "leaves some joint no range"),
 ]
 

@@ -39,6 +39,20 @@ def test_what_a_recording_does_not_tell_is_one_sentence(made: Path, own: str, tm
         branch_recording(made, AT, {}, options=BranchOptions(open_loop=True))
 
 
+def test_a_calibration_without_limits_has_those_of_its_version(made: Path, own: str, tmp_path: Path) -> None:
+    table = load(made).meta["calibration"]
+    bare = {"version": table["version"], "torque_constant": table["torque_constant"]} | {
+        key: table[key] for key in ("encoder_offset", "encoder_direction", "motor_direction")
+    }
+    changed = {"frictionloss": 0.05}
+    found, same = (
+        branch_recording(as_real(made, tmp_path / f"{name}.arrow", calibration=each), AT, changed,
+                         options=BranchOptions(own))
+        for name, each in (("bare", bare), ("whole", table))
+    )  # fmt: skip
+    np.testing.assert_array_equal(found.branched, same.branched)
+
+
 def test_a_hand_that_is_not_this_one_is_refused(made: Path, own: str, tmp_path: Path) -> None:
     content = yaml.safe_load(Path(own).read_text())
     for key, value, said in (("side", "left", "is a left hand; hand.side is right"), ("version", "v3", "of a v3 hand")):

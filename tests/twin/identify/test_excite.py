@@ -30,6 +30,7 @@ from allegro_twin.twin.identify.motions.following import UnfollowedJoint, unfoll
 from allegro_twin.twin.identify.pipeline import _motions
 from allegro_twin.twin.identify.record_excitation import (
     describe_loss,
+    numbered_files,
     pose_config,
     record_run,
     remaining_run,
@@ -169,6 +170,46 @@ def test_a_recording_that_lacks_too_many_periods_is_recorded_again(
     assert describe_loss(load(tmp_path / "up_1.arrow")) == lost
     again = remaining_run(hidden.config(), "up", 4.0, 0, tmp_path)
     assert (again.file.name if again else "") == ("up_1.arrow" if lost else "")
+
+
+@pytest.mark.parametrize("damage", ["foreign", "head", "first row"])
+def test_a_file_that_cannot_be_read_stays_and_is_named(tmp_path: Path, damage: str) -> None:
+    kept(tmp_path, range(1500))
+    file = tmp_path / "up_1.arrow"
+    content = file.read_bytes()
+    with file.open("r+b") as damaged:
+        if damage == "foreign":
+            damaged.truncate(0)
+            damaged.write(b"notes of mine")
+        else:
+            damaged.seek(20 if damage == "head" else content.index(b"ARROW:", 0) if b"ARROW:" in content else 4000)
+            damaged.write(bytes(400) if damage == "head" else b"\xff" * 4000)
+    before = file.read_bytes()
+    with pytest.raises(ConfigError, match=r"up_1.arrow.*: move the file out of .*, or give another --out"):
+        remaining_run(hidden.config(), "up", 4.0, 0, tmp_path)
+    assert file.read_bytes() == before
+
+
+def test_a_file_of_a_process_that_ended_before_its_first_row_makes_room(tmp_path: Path) -> None:
+    kept(tmp_path, [])
+    job = remaining_run(hidden.config(), "up", 4.0, 0, tmp_path)
+    assert job is not None
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["up_mine", "up_1_copy", "up_"])
+def test_a_copy_with_a_name_of_its_own_is_not_taken_for_a_recording_of_the_pose(tmp_path: Path, name: str) -> None:
+    kept(tmp_path, range(1500))
+    (tmp_path / "up_1.arrow").rename(tmp_path / f"{name}.arrow")
+    job = remaining_run(hidden.config(), "up", 4.0, 0, tmp_path)
+    assert job is not None
+    assert job.file.name == "up_1.arrow"
+
+
+def test_the_tenth_recording_of_a_pose_comes_after_the_second(tmp_path: Path) -> None:
+    for number in (10, 2, 1):
+        (tmp_path / f"up_{number}.arrow").touch()
+    assert list(numbered_files("up", tmp_path)) == [1, 2, 10]
 
 
 def test_a_recording_of_no_use_is_an_error_that_says_what_to_do(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import io
+import math
 import os
 import struct
 import threading
@@ -33,6 +34,10 @@ _BLF_OBJECT = 16
 """Bytes of the header of each object in a .blf, in which the object's size stands from byte 8 on."""
 _READERS: dict[str, Any] = {".blf": can.BLFReader, ".log": can.CanutilsLogReader, ".asc": can.ASCReader}
 _BROKEN = (ValueError, IndexError, KeyError, struct.error, zlib.error, can.CanError, BLFParseError, EOFError)
+
+_CERTAIN, _FEWEST, _OFTEN = 1000, 32, 5.0
+"""Frames after which it is known whether times count from the frame before, least frames to say so, and how often such
+times go through their span."""
 
 
 def check_suffix(path: Path) -> None:
@@ -155,6 +160,33 @@ def _cut_block(file: BinaryIO) -> bool:
     return at > end or 0 < end - at < _BLF_OBJECT
 
 
+class _LogTimes:
+    """Tells times that count from the frame before from those of one clock, which may be set, and whose frames may be a
+    little out of order: a sum of steps that is many times the span from the first to the last."""
+
+    def __init__(self, path: Path) -> None:
+        self.refusal = (
+            f"{path}: its times count from the frame before, of which a reader does not see every one: save it with "
+            "absolute times (candump: -t a)"
+        )
+        self._forward, self._frames = 0.0, 0
+        self._earliest, self._latest, self._last = math.inf, -math.inf, math.nan
+
+    def add(self, t: float) -> None:
+        """The next frame's time, s. Raises RecordingError once it is certain."""
+        if t > self._last:
+            self._forward += t - self._last
+        self._earliest, self._latest, self._last = min(self._earliest, t), max(self._latest, t), t
+        self._frames += 1
+        if self._frames == _CERTAIN:
+            self.check()
+
+    def check(self) -> None:
+        """Raise RecordingError for a log, so far, whose times count from the frame before."""
+        if self._frames >= _FEWEST and self._forward > _OFTEN * (self._latest - self._earliest):
+            raise RecordingError(self.refusal)
+
+
 def frames_of_log(path: Path, bus: str | None = None, found: Found | None = None) -> Iterator[tuple[Stamped, str]]:
     """Every classic frame of a log with its time, s, and the bus it was on; of one bus alone, if `bus` names it.
 
@@ -163,7 +195,7 @@ def frames_of_log(path: Path, bus: str | None = None, found: Found | None = None
     check_suffix(path)
     found = found if found is not None else Found()
     lines: _Lines | None = None
-    heard = 0
+    times, heard = _LogTimes(path), 0
     try:
         # Opened here, for a reader that does not like what it finds leaves its file open.
         with path.open("rb") as file:
@@ -171,8 +203,12 @@ def frames_of_log(path: Path, bus: str | None = None, found: Found | None = None
                 found.cut = "block" if _cut_block(file) else ""
             else:
                 lines = _Lines(file)
-            for message in _READERS[path.suffix](lines or file):
+            reader = _READERS[path.suffix](lines or file)
+            for message in reader:
                 heard += 1
+                if getattr(reader, "timestamps_format", "") == "relative":  # Vector's text logs say so.
+                    raise RecordingError(times.refusal)
+                times.add(message.timestamp)
                 where = str(message.channel)
                 if message.is_error_frame or message.is_extended_id or message.is_fd or bus not in (None, where):
                     continue
@@ -181,8 +217,12 @@ def frames_of_log(path: Path, bus: str | None = None, found: Found | None = None
                 yield Stamped(frame, message.timestamp), where
             if lines is not None and lines.cut:
                 found.cut = "line"
+            times.check()
+    except RecordingError:
+        raise
     except _BROKEN as error:
         if heard and found.cut and isinstance(error, struct.error):
+            times.check()
             return  # The head of the last block is cut.
         if heard and lines is not None:
             raise RecordingError(f"{path}, line {lines.number}: no frame that python-can can read: {error}") from error

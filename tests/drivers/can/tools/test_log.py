@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from contextlib import nullcontext
+from itertools import pairwise
 from pathlib import Path
 
 import can
@@ -84,6 +85,26 @@ def test_a_log_becomes_the_recording_that_the_run_itself_made(version: Version, 
     wanted = np.clip(mine.columns["command_torque"], -limit, limit)
     np.testing.assert_allclose(wanted, theirs.columns["command_torque"], rtol=0, atol=count)
     assert np.abs(wanted).max() > 10 * count
+
+
+def test_a_log_whose_times_count_from_the_frame_before_is_refused_and_one_of_a_set_clock_is_read(
+    tmp_path: Path,
+) -> None:
+    said = [each for k in range(20) for each in reports(0.003 * k)]
+    steps = [(after[0] - before[0], *after[1:]) for before, after in pairwise([said[0], *said])]
+    refusal = "its times count from the frame before, .*: save it with absolute times"
+    with pytest.raises(RecordingError, match=f"delta.log: {refusal}"):
+        exported(can_config("v4"), candump(tmp_path / "delta.log", *steps))
+    frames = [(t, one if isinstance(one, Frame) else V4.encode(one)) for t, _, one in steps]
+    lines = [f"   {t:.6f} 1  {frame.id:X}  Rx   d 8 {frame.data.hex(' ')}" for t, frame in frames]
+    for kind in ("relative", "absolute"):
+        head = f"date Tue Nov 14 10:13:20 PM 2023\nbase hex  timestamps {kind}\nno internal events logged"
+        (tmp_path / f"{kind}.asc").write_text("\n".join([head, *lines[:8]]) + "\n")
+    with pytest.raises(RecordingError, match=f"relative.asc: {refusal}"):
+        exported(can_config("v4"), tmp_path / "relative.asc")
+    assert len(list(frames_of_log(tmp_path / "absolute.asc"))) == 8
+    set_back = [(t - 5.0 if t > 0.03 else t, *rest) for t, *rest in said]
+    assert len(list(frames_of_log(candump(tmp_path / "clock.log", *set_back)))) == len(said)  # type: ignore[arg-type]
 
 
 def test_a_log_of_another_version_is_refused_where_its_joints_stand_beyond_their_ends(tmp_path: Path) -> None:
