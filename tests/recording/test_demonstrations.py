@@ -63,6 +63,17 @@ def test_every_episode_comes_back_as_it_was(there_and_back: Pair, episodes: list
         assert not differing(episode, back(tmp_path / "set-v0", number))
 
 
+def test_a_column_of_text_is_no_part_of_a_lerobot_set_and_is_named(episodes: list[Recording], tmp_path: Path) -> None:
+    first = episodes[0]
+    noted = replace(first, columns={**first.columns, "note": np.array(["a"] * len(first), object)})
+    with pytest.raises(ConfigError, match="column note has no numbers, and a LeRobot set takes nothing else"):
+        to_lerobot([noted], tmp_path / "set")
+    assert not (tmp_path / "set").exists()
+    extra = {"flag": np.ones(len(first), bool), "count": np.arange(len(first))}
+    to_lerobot([replace(first, columns={**first.columns, **extra})], tmp_path / "set")
+    assert from_lerobot(tmp_path / "set").columns["flag"].dtype == bool
+
+
 def test_a_set_in_a_folder_whose_name_is_not_utf8_comes_back_as_it_was(
     there_and_back: Pair, episodes: list[Recording], tmp_path: Path
 ) -> None:

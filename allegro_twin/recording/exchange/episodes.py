@@ -55,6 +55,17 @@ def check_recordings(recordings: Sequence[Recording], folder: Path) -> None:
             raise ConfigError(f"{other.path} and {first.path} do not both have {differ}: they make two data sets")
 
 
+def check_numbers(recording: Recording, what: str) -> None:
+    """Raise ConfigError for a column that somebody added and that has something else than numbers; `what` takes none
+    such."""
+    for name, values in recording.columns.items():
+        if not np.issubdtype(values.dtype, np.number) and values.dtype != bool:
+            raise ConfigError(
+                f"{recording.path}: column {name} has no numbers, and {what} takes nothing else: leave the column out, "
+                "or export to .parquet or .csv"
+            )
+
+
 def action_of(recording: Recording) -> tuple[str, Array]:
     """What a learner should imitate: the position controller's set-points, rad, or the command where there are none;
     and the name of that column."""

@@ -23,6 +23,7 @@ from allegro_twin.recording.arrow_writer import arrow_column
 from allegro_twin.recording.exchange.episodes import (
     KEPT,
     action_of,
+    check_numbers,
     check_recordings,
     number_names,
     rebuild_recording,
@@ -72,8 +73,11 @@ class EpisodeLocation(NamedTuple):
 
 def to_lerobot(recordings: Sequence[Recording], folder: Path) -> None:
     """Write a new data set, whole or not at all. Raises ConfigError for a folder with content, or for recordings of
-    different hands, periods or columns; RecordingError when the disk does not allow it."""
+    different hands, periods or columns, or with a column of something else than numbers; RecordingError when the disk
+    does not allow it."""
     check_recordings(recordings, folder)
+    for each in recordings:
+        check_numbers(each, "a LeRobot set")
     first = recordings[0]
     names = {"observation.state": "position", "observation.velocity": "velocity", "action": action_of(first)[0]}
     labels = {name: number_names(first.spec, what, first.columns[what].shape[1]) for name, what in names.items()}

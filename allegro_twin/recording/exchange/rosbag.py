@@ -20,7 +20,7 @@ from allegro_twin.errors import ConfigError, RecordingError, unknown
 from allegro_twin.files.atomic_write import atomic_file, atomic_folder
 from allegro_twin.recording.arrow_writer import FORMAT, VERSION
 from allegro_twin.recording.exchange.bag_times import bag_times
-from allegro_twin.recording.exchange.episodes import rebuild_recording
+from allegro_twin.recording.exchange.episodes import check_numbers, rebuild_recording
 from allegro_twin.recording.messages import message_types as v
 from allegro_twin.recording.messages.bag_topics import COLUMN, META, BagMessage, BagTopic, bag_messages, bag_topics
 from allegro_twin.recording.messages.build import joint_index, joint_order
@@ -247,7 +247,8 @@ def _joint_states(reader: Any, topic: str, spec: HandSpec, what: str) -> _JointS
 
 
 def to_mcap(recording: Recording, path: Path) -> None:
-    """Write one file, which Foxglove, PlotJuggler and `ros2 bag` open. Raises RecordingError."""
+    """Write one file, which Foxglove, PlotJuggler and `ros2 bag` open. Raises ConfigError for a column of something
+    else than numbers, and RecordingError."""
     with atomic_file(path) as temporary, tempfile.TemporaryDirectory(dir=path.parent) as folder:
         bag = Path(folder) / "bag"
         _write(recording, bag, mcap=True)
@@ -256,7 +257,8 @@ def to_mcap(recording: Recording, path: Path) -> None:
 
 def to_rosbag2(recording: Recording, folder: Path) -> None:
     """Write a folder with metadata.yaml and SQLite, which every distribution reads without further packages. Raises
-    ConfigError for a folder with content or a path that SQLite does not take, and RecordingError."""
+    ConfigError for a folder with content, a path that SQLite does not take or a column of something else than numbers,
+    and RecordingError."""
     if any(sign in _URI for sign in str(folder)):
         raise ConfigError(f"{folder}: a rosbag2 is written where the path has none of {' '.join(_URI)}")
     with atomic_folder(folder) as temporary:
@@ -276,6 +278,7 @@ def messages_to_mcap(path: Path, topics: Sequence[BagTopic], messages: Iterable[
 
 
 def _write(recording: Recording, folder: Path, *, mcap: bool) -> None:
+    check_numbers(recording, "a bag")
     messages = bag_messages(ros_types(), recording.spec, recording.meta, recording.columns)
     _write_messages(folder, bag_topics(recording.columns), messages, mcap=mcap)
 

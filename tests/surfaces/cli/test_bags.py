@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -197,6 +198,14 @@ def test_a_rosbag2_is_refused_where_sqlite_takes_its_path_for_another(
     with pytest.raises(ConfigError, match=r"a rosbag2 is written where the path has none of \? # %$"):
         to_rosbag2(recording, tmp_path / "folder" / name)
     assert not (tmp_path / "folder").exists()
+
+
+@pytest.mark.parametrize("write", [to_mcap, to_rosbag2])
+def test_a_column_of_text_is_no_part_of_a_bag_and_is_named(write: Write, recording: Recording, tmp_path: Path) -> None:
+    noted = replace(recording, columns={**recording.columns, "note": np.array(["a"] * len(recording), object)})
+    with pytest.raises(ConfigError, match="column note has no numbers, and a bag takes nothing else"):
+        write(noted, tmp_path / "folder" / "bag.mcap")
+    assert not (tmp_path / "folder").exists() or not list((tmp_path / "folder").iterdir())
 
 
 @pytest.mark.parametrize("write", [to_mcap, to_rosbag2])
