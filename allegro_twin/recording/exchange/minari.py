@@ -53,9 +53,15 @@ def to_minari(recordings: Sequence[Recording], folder: Path) -> None:
 
 def dataset_id(folder: Path) -> str:
     """The id of a data set, `<folder above>/<folder>`: Minari looks for it there below its own folder,
-    ~/.minari/datasets. Raises ConfigError for a name that does not end in a version, as Minari's ids do."""
+    ~/.minari/datasets. Raises ConfigError for a name that does not end in a version or has other signs than Minari's
+    ids."""
     if not re.fullmatch(r"[\w-]+-v\d+", folder.name):
-        raise ConfigError(f"{folder}: Minari finds a set by its folder, whose name ends in a version: {folder.name}-v0")
+        name = re.sub(r"[^\w-]+", "_", folder.name)
+        signs = "" if name == folder.name else " has only letters, digits, _ and -, and"
+        version = "" if re.search(r"-v\d+$", name) else "-v0"
+        raise ConfigError(
+            f"{folder}: Minari finds a set by its folder, whose name{signs} ends in a version: {name}{version}"
+        )
     return f"{folder.resolve().parent.name}/{folder.name}"
 
 

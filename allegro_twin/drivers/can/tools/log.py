@@ -22,7 +22,7 @@ from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
 from allegro_twin.drivers.can.link.shared_bus import Stamped
 from allegro_twin.drivers.can.tools.samples import Found, Samples
-from allegro_twin.errors import ConfigError, RecordingError
+from allegro_twin.errors import ConfigError, RecordingError, unknown
 from allegro_twin.types import Sample
 
 SUFFIXES = (".blf", ".log", ".asc")
@@ -190,7 +190,8 @@ class _LogTimes:
 def frames_of_log(path: Path, bus: str | None = None, found: Found | None = None) -> Iterator[tuple[Stamped, str]]:
     """Every classic frame of a log with its time, s, and the bus it was on; of one bus alone, if `bus` names it.
 
-    A line or block at the end that is cut ends the log, and `found` has it. Raises ConfigError or RecordingError.
+    A line or block at the end that is cut ends the log; `found` has it, and the buses. Raises ConfigError or
+    RecordingError.
     """
     check_suffix(path)
     found = found if found is not None else Found()
@@ -210,6 +211,7 @@ def frames_of_log(path: Path, bus: str | None = None, found: Found | None = None
                     raise RecordingError(times.refusal)
                 times.add(message.timestamp)
                 where = str(message.channel)
+                found.buses.add(where)
                 if message.is_error_frame or message.is_extended_id or message.is_fd or bus not in (None, where):
                     continue
                 data = b"" if message.is_remote_frame else bytes(message.data)
@@ -255,7 +257,10 @@ def samples_of_log(
         if sample is not None:
             yield sample
     last = heard.end()
+    if last is None and bus is not None and bus not in found.buses:
+        raise ConfigError(f"{path}: {unknown('bus', bus, sorted(found.buses))}")
     if last is None:
         but = f"; but {heard.instead} reports: correct `backend.version` or `device`" if heard.instead else ""
+        but += f": {heard.disorder}" if heard.disorder else ""
         raise RecordingError(f"{path} holds no whole {codec.version} hand in {found.frames} frames{but}")
     yield last

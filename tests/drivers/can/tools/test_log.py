@@ -244,6 +244,32 @@ def test_of_a_log_of_two_buses_one_must_be_named(tmp_path: Path) -> None:
     assert only.state.position[0] == pytest.approx(0.9, abs=1e-4)
 
 
+def test_a_bus_that_a_log_has_not_is_refused_with_those_that_it_has(tmp_path: Path) -> None:
+    path = candump(tmp_path / "c.log", *reports(0.0), *reports(0.001, "can1", 0.9))
+    with pytest.raises(ConfigError, match=r"c.log: no bus named 'vcan'; did you mean 'can1' or 'can0'\?$"):
+        list(samples_of_log(path, V4, CanHostSettings(), bus="vcan"))
+    with pytest.raises(RecordingError, match=r"no whole v4 hand in 3 frames$"):
+        list(samples_of_log(candump(path, *reports(0.0)[:3]), V4, CanHostSettings(), bus="can0"))
+
+
+@pytest.mark.parametrize(
+    ("order", "said"),
+    [
+        ((0, 0, 1, 1, 2, 2, 3, 3), "each report is there twice: keep one of the two"),
+        (
+            (1, 0, 2, 3),
+            "fingers report in the order index, ring, thumb, middle; a hand's is index, middle, ring, thumb",
+        ),
+    ],
+)
+def test_a_log_whose_reports_are_double_or_in_another_order_says_so(
+    order: tuple[int, ...], said: str, tmp_path: Path
+) -> None:
+    frames = [(0.003 * k + 1e-4 * n, *reports(0.0)[j][1:]) for k in range(10) for n, j in enumerate(order)]
+    with pytest.raises(RecordingError, match=f"no whole v4 hand in {10 * len(order)} frames: {said}$"):
+        list(samples_of_log(candump(tmp_path / "c.log", *frames), V4, CanHostSettings()))
+
+
 def test_a_log_of_another_hand_says_whose_it_is(tmp_path: Path) -> None:
     path = candump(tmp_path / "c.log", *reports(0.0))
     with pytest.raises(RecordingError, match="no whole v2 hand in 4 frames; but a v4, v5 or v5plus hand reports"):
