@@ -74,6 +74,21 @@ def test_a_column_of_text_is_no_part_of_a_lerobot_set_and_is_named(episodes: lis
     assert from_lerobot(tmp_path / "set").columns["flag"].dtype == bool
 
 
+def test_a_column_of_text_comes_back_from_a_minari_set_and_one_of_lists_is_named(
+    episodes: list[Recording], tmp_path: Path
+) -> None:
+    pytest.importorskip("h5py", reason="Minari's files are HDF5: extra demos")
+    first = episodes[0]
+    noted, listed = (
+        replace(first, columns={**first.columns, "note": np.array([value] * len(first) + [None], object)[:-1]})
+        for value in ("\u00e4", [1.0])
+    )
+    to_minari([noted], tmp_path / "set-v0")
+    assert from_minari(tmp_path / "set-v0").columns["note"].tolist() == ["\u00e4"] * len(first)
+    with pytest.raises(ConfigError, match="column note has no numbers or text, and a Minari set takes nothing else"):
+        to_minari([listed], tmp_path / "lists-v0")
+
+
 def test_a_set_in_a_folder_whose_name_is_not_utf8_comes_back_as_it_was(
     there_and_back: Pair, episodes: list[Recording], tmp_path: Path
 ) -> None:

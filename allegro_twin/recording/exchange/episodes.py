@@ -55,14 +55,17 @@ def check_recordings(recordings: Sequence[Recording], folder: Path) -> None:
             raise ConfigError(f"{other.path} and {first.path} do not both have {differ}: they make two data sets")
 
 
-def check_numbers(recording: Recording, what: str) -> None:
+def check_numbers(recording: Recording, what: str, *, text: bool = False) -> None:
     """Raise ConfigError for a column that somebody added and that has something else than numbers; `what` takes none
-    such."""
+    such, but `text` perhaps."""
     for name, values in recording.columns.items():
-        if not np.issubdtype(values.dtype, np.number) and values.dtype != bool:
+        if np.issubdtype(values.dtype, np.number) or values.dtype == bool:
+            continue
+        if not text or values.dtype != object or not all(isinstance(value, str) for value in values):
+            kinds = "numbers or text" if text else "numbers"
             raise ConfigError(
-                f"{recording.path}: column {name} has no numbers, and {what} takes nothing else: leave the column out, "
-                "or export to .parquet or .csv"
+                f"{recording.path}: column {name} has no {kinds}, and {what} takes nothing else: leave the column out, "
+                "or export to .parquet"
             )
 
 

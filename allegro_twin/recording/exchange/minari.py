@@ -21,6 +21,7 @@ from allegro_twin.files.atomic_write import atomic_folder
 from allegro_twin.recording.exchange.episodes import (
     KEPT,
     action_of,
+    check_numbers,
     check_recordings,
     observation_of,
     rebuild_recording,
@@ -36,10 +37,12 @@ META = "allegro_twin"
 
 def to_minari(recordings: Sequence[Recording], folder: Path) -> None:
     """Write a new data set, whole or not at all. Minari finds it by its folder, which gives its id (`dataset_id`).
-    Raises ConfigError without h5py, for a folder with content or another name, or for recordings of different kinds;
-    RecordingError when the disk does not allow it."""
+    Raises ConfigError without h5py, for a folder with content or another name, for recordings of different kinds, or
+    for a column of something else than numbers and text; RecordingError when the disk does not allow it."""
     import_h5py()
     check_recordings(recordings, folder)
+    for each in recordings:
+        check_numbers(each, "a Minari set", text=True)
     first = recordings[0]
     content = {
         "description": f"{first.spec.name}: {'; '.join(sorted({task_of(each) for each in recordings}))}; observations "
@@ -103,7 +106,9 @@ def from_minari(folder: Path, episode: int = 0) -> Recording:
                 raise RecordingError(
                     f"{folder} was not made of recordings of this package: its episodes have no {META}"
                 )
-            columns = {key: values[()] for key, values in group["infos"][KEPT].items()}
+            kept = group["infos"][KEPT].items()
+            texts = {key for key, values in kept if h5py.check_string_dtype(values.dtype)}
+            columns = {key: (values.asstr() if key in texts else values)[()] for key, values in kept}
             meta = json.loads(group.attrs[META])
     except OSError as error:
         raise RecordingError(f"{path}: not a readable HDF5 file: {error}") from error

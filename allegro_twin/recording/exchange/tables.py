@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
+from allegro_twin.errors import ConfigError
 from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.recording.arrow_writer import arrow_column
 from allegro_twin.recording.exchange.episodes import number_names
@@ -28,7 +29,8 @@ def to_parquet(recording: Recording, path: Path) -> None:
 
 
 def to_csv(recording: Recording, path: Path) -> None:
-    """Write one column per number, named `position.index_0`; vectors that are not of joints are numbered."""
+    """Write one column per number, named `position.index_0`; vectors that are not of joints are numbered. Raises
+    ConfigError for a column that somebody added and that has lists."""
     spec = recording.spec
     columns = {}
     for name, values in recording.columns.items():
@@ -37,5 +39,12 @@ def to_csv(recording: Recording, path: Path) -> None:
             continue
         labels = number_names(spec, name, values.shape[1])
         columns |= {label: np.ascontiguousarray(values[:, i]) for i, label in enumerate(labels)}
+    table = pa.table(columns)
+    for field in table.schema:
+        if pa.types.is_nested(field.type):
+            raise ConfigError(
+                f"{recording.path}: column {field.name} has {field.type}, which a .csv has no place for: leave the "
+                "column out, or export to .parquet"
+            )
     with atomic_file(path) as temporary, temporary.open("wb") as file:
-        pyarrow.csv.write_csv(pa.table(columns), file)
+        pyarrow.csv.write_csv(table, file)
