@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
+from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeVar
 
@@ -222,8 +223,11 @@ class PluginController:
     An answer that is no command with a memory is a HandFault, too.
     """
 
-    def __init__(self, controller: Controller[Any], kind: str) -> None:
-        self._inner, self._kind = controller, kind
+    def __init__(
+        self, controller: Controller[Any], kind: str, before: Callable[[HandState], None] = lambda state: None
+    ) -> None:
+        """`before`: looks at the first state before the controller starts; it may raise HandError."""
+        self._inner, self._kind, self._before = controller, kind, before
 
     @classmethod
     def make(cls, kind: ControllerKind[S], settings: S, context: ControllerContext, name: str) -> MadeController:
@@ -236,7 +240,12 @@ class PluginController:
             )
         return made if is_own(type(made.controller)) else made._replace(controller=cls(made.controller, name))
 
+    def preceded(self, before: Callable[[Controller[Any], HandState], None]) -> PluginController:
+        """Copy at which `before` looks, with the first state, before it starts."""
+        return PluginController(self._inner, self._kind, partial(before, self._inner))
+
     def start(self, state: HandState) -> Any:
+        self._before(state)
         with self._call("start"):
             return self._inner.start(state)
 
@@ -253,6 +262,19 @@ class PluginController:
     def _call(self, method: str) -> AbstractContextManager[None]:
         controller = type(self._inner)
         return as_plugin_fault(controller, f"controller {self._kind}: {_name(controller)}.{method}", "controller")
+
+
+def reference_of(controller: Controller[Any]) -> Any:
+    """The reference that a controller follows; None where there is none. Of another package's controller, such as a
+    subclass of PD, one of this package counts."""
+    inner = unwrapped(controller)
+    reference = getattr(inner, "reference", None)
+    return reference if inner is controller or is_own(type(reference)) else None
+
+
+def unwrapped(controller: Controller[Any]) -> Controller[Any]:
+    """The controller itself, where it is that of an installed package."""
+    return controller._inner if isinstance(controller, PluginController) else controller
 
 
 def _name(source: Any) -> str:

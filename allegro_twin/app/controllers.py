@@ -27,7 +27,7 @@ from allegro_twin.files.assets import find_file
 from allegro_twin.plugins import CONTROLLERS, ControllerContext, ControllerKind, MadeController, PluginController
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import ArmSpec
-from allegro_twin.types import Vector, frozen
+from allegro_twin.types import HandState, Vector, frozen
 
 if TYPE_CHECKING:
     from allegro_twin.control.controllers import Gains, GravityFeedforward
@@ -69,6 +69,14 @@ def with_speed_check(controller: Any, check: SpeedCheck) -> Any:
     from allegro_twin.control.trajectory import Moves
     from allegro_twin.sim.contact.collision_free_paths import CollisionFreeMove
 
+    if isinstance(controller, PluginController):  # Of another package's class nobody can make a changed copy.
+
+        def look(theirs: Any, state: HandState) -> None:
+            for each in (theirs, getattr(theirs, "reach", None)):
+                if isinstance(reference := getattr(each, "reference", None), Moves | CollisionFreeMove):
+                    reference.checked(check).begin(state.position)
+
+        return controller.preceded(look)
     reach, reference = getattr(controller, "reach", None), getattr(controller, "reference", None)
     if isinstance(reach, PD):
         return replace(controller, reach=with_speed_check(reach, check))

@@ -17,7 +17,7 @@ from allegro_twin.app.rig import Rig, limp_while
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.first_error import closing_noted
 from allegro_twin.loop import paced, resume, to_the_end, until
-from allegro_twin.plugins import BACKENDS
+from allegro_twin.plugins import BACKENDS, reference_of, unwrapped
 from allegro_twin.sim.contact.collision_free_paths import CollisionFreeMove
 from allegro_twin.spec.arm import ArmSpec
 from allegro_twin.types import Array, HandState, Sample
@@ -153,7 +153,7 @@ def _begun(rig: Rig) -> Iterator[Sample]:
 
 def _planned_move(rig: Rig) -> CollisionFreeMove | None:
     """What the controller follows, where its path is planned when it begins."""
-    reference = getattr(rig.controller, "reference", None)
+    reference = reference_of(rig.controller)
     return reference if isinstance(reference, CollisionFreeMove) else None
 
 
@@ -161,10 +161,11 @@ def _planner(rig: Rig, stack: ExitStack) -> MpcController | None:
     """The controller that plans, which is closed with the run; None for others."""
     from allegro_twin.learning.mpc.controller import MpcController
 
-    if not isinstance(rig.controller, MpcController):
+    controller = unwrapped(rig.controller)
+    if not isinstance(controller, MpcController):
         return None
-    stack.callback(rig.controller.close)
-    return rig.controller
+    stack.callback(controller.close)
+    return controller
 
 
 def _until_over(samples: Iterator[Sample], rig: Rig) -> Iterator[Sample]:
@@ -213,7 +214,7 @@ class _Beside:
         """A stage that keeps up with the samples."""
         if self._rig.trial is not None:
             samples = self._rig.trial.watched(samples)
-        reference = getattr(self._rig.controller, "reference", None)
+        reference = reference_of(self._rig.controller)
         path = None
         for sample in samples:
             state = sample.state

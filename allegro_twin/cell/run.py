@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from typing import TypeVar
 
@@ -31,6 +31,7 @@ from allegro_twin.cell.states import (
     endless_run,
     initial_state,
     next_state,
+    put_away,
     watch_outcome,
 )
 from allegro_twin.controller import Controller
@@ -70,7 +71,7 @@ class LabReport:
     moved: tuple[tuple[str, float], ...] = ()
     """Other objects on the table that are not where they were, and how far, m. Only a simulation knows."""
     released: int = 0
-    """Objects that were put into the tray, as the run itself counts them."""
+    """Objects that were put into the tray, as the run itself counts them: what it took at once is one."""
     in_tray: tuple[str, ...] = ()
     """Those that are in it. Only a simulation knows."""
     on_table: tuple[str, ...] = ()
@@ -198,12 +199,13 @@ class _Story:
         self._cell, self._work = cell, work
         self._events: list[tuple[float, StateName]] = []
         self._first: dict[str, Array] = {}
+        self._in_tray: tuple[str, ...] = ()  # Before anything moved.
         self._taken: dict[str, Array] = {}
         self._heights: dict[str, float] = {}
 
     def enter(self, now: MachineState, on_state: Callable[[MachineState], None]) -> None:
         if not self._first:
-            self._first = self._places()
+            self._first, self._in_tray = self._places(), object_places(self._cell).in_tray
         if now.state == "ToTargetPose":
             self._taken, self._heights = self._places(), self._middles()
         self._events.append((now.since, now.state))
@@ -226,6 +228,8 @@ class _Story:
         moved = tuple((name, way) for name, way in ways.items() if way > _STIRRED and name not in off)
         risen = {name: float("nan") if name in off else heights[name] - at for name, at in self._heights.items()}
         end = other_than_wanted(now.end, chosen, risen, self._cell)
+        put = [each for each in places.in_tray if each not in self._in_tray]
+        end = other_than_counted(end, len(put), now.released, self._cell)
         end = other_than_cleared(end, places, self._cell)
         if self._cell.settings.tray is None:
             places = ObjectPlaces(off_table=off)
@@ -265,6 +269,15 @@ def other_than_wanted(end: CellOutcome, object_name: str, risen: Mapping[str, fl
     )
     way = f"move {object_name} away, or {wanted.name} to where the camera sees it alone and whole"
     return CellOutcome("missed", "another object", f"{said}; {way}")
+
+
+def other_than_counted(end: CellOutcome, count: int, counted: int, cell: Cell) -> CellOutcome:
+    """The end with the number of objects that were put away, `count`, where the cell has `counted` less: what it takes
+    at once is one to it. A simulation knows it: of a real camera's pictures nobody does."""
+    if count <= counted or cell.settings.camera.source.kind != "simulated":
+        return end
+    said = f"{put_away(count)} (the cell counts {counted}: what it took at once is one to it)"
+    return replace(end, sentence=end.sentence.replace(put_away(counted), said, 1))
 
 
 def other_than_cleared(end: CellOutcome, places: ObjectPlaces, cell: Cell) -> CellOutcome:

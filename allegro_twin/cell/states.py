@@ -235,12 +235,17 @@ def _cleared(now: MachineState, refused: CellOutcome, doubt: str) -> CellOutcome
     """What it comes to when a look finds nothing more to take. `doubt`: of what is no longer there."""
     if refused.kind == "fault" or not (now.released or now.left or doubt):
         return refused
-    count = f"{now.released} object{'' if now.released == 1 else 's'} put away"
+    count = put_away(now.released)
     empty = refused.reason == "no_object"
     why = [*dict.fromkeys(each.sentence for each in now.left), *(() if empty else (refused.sentence,)), doubt]
     if not any(why):
         return CellOutcome("cleared", "", count)
     return CellOutcome("missed", "left", f"{count}; left: {'; '.join(dict.fromkeys(filter(None, why)))}")
+
+
+def put_away(count: int) -> str:
+    """How many objects were put away, in words."""
+    return f"{count} object{'' if count == 1 else 's'} put away"
 
 
 def _full(rules: StateRules) -> CellOutcome:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, TypeVar
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import find_file, read_yaml
 from allegro_twin.files.schema import Gravity, Positive, Settings, Vector3, load_settings, parse_settings
 from allegro_twin.grasping.interchange.grasps import FARTHEST
@@ -196,6 +196,25 @@ class ScenarioObject(Settings):
             raise ValueError(f"{self.name}: a {self.shape} has no `{key}`; its keys are {', '.join(used)}, up, yaw, at")
         return self
 
+    @model_validator(mode="after")
+    def _known(self) -> ScenarioObject:
+        from allegro_twin.sim.objects.catalogue import SIZES_OF_KIND, object_catalogue
+
+        if self.shape is None:
+            if self.name not in (known := object_catalogue()):
+                raise ValueError(unknown("object", self.name, known))
+            return self
+        numbers, needs = SIZES_OF_KIND.get(self.shape), f"object {self.name}: a {self.shape} needs"
+        if numbers is None and self.file is None:
+            raise ValueError(f"{needs} `file`")
+        if numbers is not None and len(self.size or ()) != numbers:
+            raise ValueError(f"{needs} `size` with {numbers} values, m")
+        if numbers is not None and self.mass is None:
+            raise ValueError(f"{needs} `mass`, kg")
+        if self.shape == "mjcf" and len(self.at) != 3:
+            raise ValueError(f"{needs} a third value in `at`: the height of its origin, m")
+        return self
+
 
 def check_object_names(objects: Sequence[ScenarioObject]) -> None:
     """Raises ConfigError where two objects have one name."""
@@ -358,8 +377,8 @@ def with_object(scenario: Scenario, name: str) -> Scenario:
 
 def parse_object(name: str) -> ScenarioObject:
     """An object of the catalogue, or a mesh by its path: in m, standing as its file has it, 500 kg/m³. Raises
-    ConfigError for a file of another kind."""
-    from allegro_twin.sim.objects.catalogue import object_catalogue
+    ConfigError for an unknown name and for a file of another kind."""
+    from allegro_twin.sim.objects.catalogue import load_object, object_catalogue
     from allegro_twin.sim.objects.meshes import SUFFIXES
     from allegro_twin.sim.objects.scan_files import unread_kind
 
@@ -367,5 +386,5 @@ def parse_object(name: str) -> ScenarioObject:
     if path.suffix.lower() not in SUFFIXES:
         if path.is_file() and name not in object_catalogue():
             raise unread_kind(path)
-        return ScenarioObject(name=name)
+        return ScenarioObject(name=load_object(name).name)
     return ScenarioObject(name=path.stem, shape="mesh", file=path.resolve())

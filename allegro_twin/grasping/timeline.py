@@ -25,7 +25,6 @@ from allegro_twin.kinematics.orientation import matrix_facing, quaternion_from_m
 from allegro_twin.sim.model.scene import TABLE_END, Stage
 from allegro_twin.sim.model.wrist import WristSegment, wrist_angles
 from allegro_twin.sim.objects.catalogue import (
-    SIZES_OF_KIND,
     GraspObject,
     PlacedObject,
     load_object,
@@ -202,7 +201,7 @@ def _segment(phase: Phase, seconds: float, scenario: Scenario, side: Side) -> Wr
 
 def place_object(settings: ScenarioObject, folder: Path = Path()) -> PlacedObject:
     """An object where its settings put it, on the table unless they say a height. `folder`: where its own file is
-    looked for. Raises ConfigError for what its shape needs and does not have."""
+    looked for. Raises ConfigError where there is none, and for a mass that no solid has."""
     if settings.shape is None:
         grasp_object = load_object(settings.name)
         if settings.mass is not None:
@@ -227,23 +226,13 @@ def _half_height(settings: ScenarioObject, grasp_object: GraspObject) -> float:
 
 
 def _own(settings: ScenarioObject, folder: Path) -> GraspObject:
-    """An object described in the scenario itself. Raises ConfigError for what its shape needs and does not have."""
-    name, shape = settings.name, settings.shape
+    """An object described in the scenario itself. Raises ConfigError where its file is missing."""
+    name, shape, file = settings.name, settings.shape, settings.file
     assert shape is not None
-    if shape in ("mesh", "mjcf"):
-        if settings.file is None:
-            raise ConfigError(f"object {name}: a {shape} needs `file`")
-        file = settings.file if settings.file.is_absolute() else folder / settings.file
+    if file is not None:
+        file = file if file.is_absolute() else folder / file
         if not file.is_file():
             raise ConfigError(f"object {name}: no file at {file}")
-        if len(settings.at) != 3 and shape == "mjcf":
-            raise ConfigError(f"object {name}: a {shape} needs a third value in `at`: the height of its origin, m")
-    else:
-        file = None
-        if settings.size is None or len(settings.size) != SIZES_OF_KIND[shape]:
-            raise ConfigError(f"object {name}: a {shape} needs `size` with {SIZES_OF_KIND[shape]} values, m")
-    if settings.mass is None and shape not in ("mjcf", "mesh"):
-        raise ConfigError(f"object {name}: a {shape} needs `mass`, kg")
     mass = settings.mass or float("nan")
     grasp_object = GraspObject(name, shape, settings.size or (), mass, file, settings.scale, settings.collision)
     if shape == "mesh" and settings.mass is None:

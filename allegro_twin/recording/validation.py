@@ -104,7 +104,7 @@ def bad_row(columns: Mapping[str, Array], before: tuple[float, float] = (-math.i
             row, joint = (int(k) for k in np.argwhere(beyond)[0])
             value, at = columns[each][row, joint], columns["t"][row]
             why = f"{each}[{joint}] is {value:g} at {at:.3f} s, which no hand reports"
-            found.append(BadRow(row, why, ": the file is damaged; cut the row out, or record again"))
+            found.append(BadRow(row, why, ": the file is damaged; make it NaN, which is unknown, or record again"))
     for each, last in (("tick", before[1]), ("t", before[0])):
         bad = np.diff(columns[each], prepend=last) <= 0
         if bad.any():

@@ -29,9 +29,9 @@ from allegro_twin.cell.planning.object_selection import ObjectSelector, Selected
 from allegro_twin.cell.planning.reachability import GraspPlan, plain_grasps, plan_grasp
 from allegro_twin.cell.planning.release import _PLACES, ReleasePath, _emptiest_first, reaches_tray, release_path
 from allegro_twin.cell.planning.stored_grasps import stored_grasps, table_object
-from allegro_twin.cell.run import other_than_cleared, perform
+from allegro_twin.cell.run import other_than_cleared, other_than_counted, perform
 from allegro_twin.cell.settings import TraySettings
-from allegro_twin.cell.states import CellOutcome, MachineState
+from allegro_twin.cell.states import CellOutcome, MachineState, OutcomeKind
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.types import Array
@@ -406,6 +406,28 @@ def test_a_table_that_a_simulation_knows_is_not_cleared_is_missed_with_what_the_
     assert other_than_cleared(end, ObjectPlaces(("apple",)), cell) is end
     fault = CellOutcome("fault", "camera", "no picture")
     assert other_than_cleared(fault, ObjectPlaces((), ("ball",)), cell) is fault
+
+
+@pytest.mark.parametrize("kind", ["cleared", "missed"])
+def test_objects_that_were_taken_at_once_are_counted_as_they_are_and_as_the_cell_does(kind: OutcomeKind) -> None:
+    cell = cell_of(tray=TRAY.model_dump())
+    rest = "" if kind == "cleared" else "; left: a box"
+    end = CellOutcome(kind, "", f"1 object put away{rest}")
+    found = other_than_counted(end, 3, 1, cell)
+    assert found.sentence == f"3 objects put away (the cell counts 1: what it took at once is one to it){rest}"
+    assert other_than_counted(end, 1, 1, cell) is end
+
+
+@pytest.mark.slow
+def test_two_slabs_that_are_seen_as_one_box_and_taken_at_once_are_two_that_were_put_away() -> None:
+    slab = {"shape": "box", "size": [0.06, 0.0295, 0.09], "mass": 0.08}
+    cell = cell_of(
+        tray=TRAY.model_dump(),
+        objects=[slab | {"name": "one", "at": [0.0, -0.015]}, slab | {"name": "two", "at": [0.0, 0.015]}],
+    )
+    report = perform(cell)
+    assert (str(report.end), report.released, report.in_tray) == ("cleared", 1, ("one", "two"))
+    assert report.end.sentence.startswith("2 objects put away (the cell counts 1")
 
 
 @pytest.mark.slow

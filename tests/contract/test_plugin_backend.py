@@ -5,26 +5,31 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from allegro_twin.app.controllers import with_speed_check
 from allegro_twin.backend import limp_of
-from allegro_twin.control.controllers import ConstantCommand
+from allegro_twin.control.controllers import PD, ConstantCommand
+from allegro_twin.control.trajectory import Hold, Moves, Waypoint
 from allegro_twin.device import device_of
-from allegro_twin.errors import HandFault, LinkError
+from allegro_twin.errors import ConfigError, HandFault, LinkError
 from allegro_twin.files.first_error import message_of
 from allegro_twin.hands.description.specs import load_spec
+from allegro_twin.hands.library.gains import load_gains
+from allegro_twin.plugin_faults import is_own
 from allegro_twin.plugins import (
     ControllerKind,
     ControllerSettings,
     MadeController,
     PluginBackend,
     PluginController,
+    reference_of,
 )
-from allegro_twin.types import HandState
+from allegro_twin.types import HandState, Vector
 from tests.contract.test_rules import Good, changed
 
 
@@ -153,6 +158,55 @@ def test_a_controller_of_this_package_that_a_package_makes_stays_as_it_is() -> N
     assert (type(theirs.controller), theirs.seconds) == (PluginController, 2.0)
     with pytest.raises(HandFault, match="returns ConstantCommand.*, no MadeController"):
         make(own)
+
+
+class TheirPD(PD):
+    """A package's controller on the base of this one's."""
+
+
+@dataclass(frozen=True)
+class Around:
+    """A package's controller that uses one of this package."""
+
+    reach: PD
+
+    def start(self, state: HandState) -> Any:
+        return self.reach.start(state)
+
+    def __call__(self, state: HandState, memory: Any) -> Any:
+        return self.reach(state, memory)
+
+
+@pytest.mark.parametrize("theirs", [TheirPD, lambda *given: Around(PD(*given))])
+def test_a_motion_that_a_packages_controller_follows_is_looked_at_before_it_begins(
+    theirs: Callable[..., Any],
+) -> None:
+    spec, state = load_spec(), Good().reset()
+    goal = state.position + 0.5
+    reference, gains = Moves([Waypoint(goal, seconds=0.1)]), load_gains("default", spec)
+    looked = list[str]()
+
+    def check(peak: Vector, what: str) -> None:
+        looked.append(what)
+        if peak.max() > 6.0:
+            raise ConfigError("too fast, rad/s")
+
+    for inner in (PD(reference, gains), theirs(reference, gains)):
+        controller = inner if is_own(type(inner)) else PluginController(inner, "mine")
+        with pytest.raises(ConfigError, match="rad/s"):
+            with_speed_check(controller, check).start(state)
+    assert len(looked) == 2
+    slow = PluginController(theirs(Moves([Waypoint(goal, seconds=5.0)]), gains), "mine")
+    with_speed_check(slow, check).start(state)
+    assert len(looked) == 3
+
+
+def test_a_reference_of_a_packages_controller_counts_where_it_is_one_of_this_package() -> None:
+    reference = Hold(np.zeros(16))
+    assert reference_of(PluginController(TheirPD(reference, load_gains("default", load_spec())), "mine")) is reference
+    other: Any = Following(lambda state: None)
+    other.reference = "what a package calls so"
+    assert reference_of(PluginController(other, "mine")) is None
 
 
 def test_the_optional_members_of_a_device_are_told_in_one_line_too() -> None:

@@ -48,7 +48,10 @@ def fails(tmp_path: Path, text: str) -> str:
         (("[0, 0, 0.1]", "high"), "it.yaml: wrist.position: input should be a valid tuple, not 'high'"),
         (("0.1]", ".nan]"), "it.yaml: wrist.position.2: input should be a finite number, not nan"),
         (("grasp: quadpod", "grasp: quadpot"), "no grasp named 'quadpot'; did you mean 'quadpod'"),
-        (("rubiks_cube", "rubik_cube"), "no object named 'rubik_cube'; did you mean 'rubiks_cube'"),
+        (
+            ("rubiks_cube", "rubik_cube"),
+            "it.yaml: objects.0: no object named 'rubik_cube'; did you mean 'rubiks_cube'",
+        ),
         (
             ("grasp: quadpod", "grasp: quadpod\nfriction: 1.5"),
             "it.yaml: friction: input should be less than or equal to 1",

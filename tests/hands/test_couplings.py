@@ -87,8 +87,14 @@ def test_an_equality_that_is_switched_off_couples_nothing_and_one_that_fixes_a_j
     found = explored(tmp_path, off)
     assert not followers(found)
     assert any(note.startswith("a2: nobody drives this joint") for note in found.notes)
-    fixed = explored(tmp_path, '<equality><joint joint1="a2" polycoef="0.3 0 0 0 0"/></equality>')
+    fixed = explored(tmp_path, '<equality><joint joint1="a2" polycoef="0 0 0 0 0"/></equality>')
     assert not any(note.startswith("a2:") for note in fixed.notes)
+
+
+def test_a_joint_that_an_equality_fixes_elsewhere_than_it_is_drawn_is_told_with_how_far(tmp_path: Path) -> None:
+    found = explored(tmp_path, '<equality><joint joint1="a2" polycoef="0.3 0 0 0 0"/></equality>')
+    (note,) = (note for note in found.notes if note.startswith("a2:"))
+    assert note.startswith("a2: an equality fixes it 0.3 rad from where the file draws it; kinematics has it as drawn")
 
 
 def opened(tmp_path: Path, found: ExploredHand) -> Hand:

@@ -90,6 +90,19 @@ def test_pictures_of_depth_count_before_clouds_and_a_topic_before_both(tmp_path:
     assert first(tmp_path / "a.mcap", topic=POINTS).depth[5, 5] == pytest.approx(0.3)
 
 
+@pytest.mark.parametrize("kind", ["picture", "cloud with rows", "cloud without rows"])
+def test_depths_that_look_like_millimetres_are_refused_with_the_way_to_metres(tmp_path: Path, kind: str) -> None:
+    with bag(tmp_path / "a.mcap") as made:
+        made.info(T0)
+        if kind == "picture":
+            made.image(T0, plane(460.0), "32FC1")
+        else:
+            points = points_of(plane(460.0))
+            made.cloud(T0, points if kind == "cloud with rows" else points.reshape(1, -1, 3))
+    with pytest.raises(ConfigError, match=r"half of the depths are beyond 460 m, so they look like mm; .* by 1000"):
+        first(tmp_path / "a.mcap")
+
+
 def test_the_cameras_pose_goes_through_every_frame_between(tmp_path: Path) -> None:
     lifted = np.array([0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0])
     with bag(tmp_path / "a.mcap") as made:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.files.schema import parse_settings
 from allegro_twin.grasping.scenario import PhysicsSettings, Scenario, load_protocol
 from allegro_twin.grasping.timeline import make_stage, make_timeline
 from allegro_twin.hands.description.specs import load_spec
@@ -45,9 +46,12 @@ PROTOCOL = load_protocol("table_pick")
 AWAY = {"position": (0, 0, 0.4), "facing": (0, 0, -1), "fingers": (1, 0, 0), "retreat": (0, 0, 0.1)}
 
 
+def content(**changes: Any) -> dict[str, Any]:
+    return {"objects": [{"name": "rubiks_cube"}], "grasp": "quadpod", "wrist": AWAY} | changes
+
+
 def scenario(**changes: Any) -> Scenario:
-    content: dict[str, Any] = {"objects": [{"name": "rubiks_cube"}], "grasp": "quadpod", "wrist": AWAY}
-    return Scenario.model_validate(content | changes)
+    return Scenario.model_validate(content(**changes))
 
 
 def backend_at(settings: Scenario, folder: Path = Path(), side: Side = "right") -> SimBackend:
@@ -139,15 +143,22 @@ def test_a_mesh_and_an_mjcf_of_the_users_own_become_objects(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("own", "message"),
     [
-        ({"name": "it", "shape": "mesh"}, "a mesh needs `file`"),
-        ({"name": "it", "shape": "mesh", "file": "no.stl"}, "no file at"),
-        ({"name": "it", "shape": "box", "size": (0.1,), "mass": 1}, "a box needs `size` with 3 values"),
-        ({"name": "it", "shape": "sphere", "size": (0.1,)}, "a sphere needs `mass`"),
+        ({"name": "it", "shape": "mesh"}, "s.yaml: objects.0: object it: a mesh needs `file`"),
+        ({"name": "it", "shape": "mesh", "file": "no.stl"}, "object it: no file at"),
+        (
+            {"name": "it", "shape": "box", "size": (0.1,), "mass": 1},
+            "s.yaml: objects.0: object it: a box needs `size` with 3 values",
+        ),
+        ({"name": "it", "shape": "sphere", "size": (0.1,)}, "s.yaml: objects.0: object it: a sphere needs `mass`"),
+        (
+            {"name": "it", "shape": "mjcf", "file": "no.xml"},
+            "s.yaml: objects.0: object it: a mjcf needs a third value in `at`",
+        ),
     ],
 )
 def test_an_own_object_says_what_it_lacks(own: dict[str, Any], message: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=message):
-        make_stage(scenario(objects=[own]), PROTOCOL, "right", tmp_path)
+        make_stage(parse_settings(Scenario, content(objects=[own]), "s.yaml"), PROTOCOL, "right", tmp_path)
 
 
 def test_an_unreadable_mjcf_is_one_line_with_its_file(tmp_path: Path) -> None:

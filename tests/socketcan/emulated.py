@@ -12,13 +12,13 @@ import lzma
 import os
 import re
 import shutil
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
 from tests.socketcan.first import ROOT, path, status_of
+from tests.socketcan.process_group import run_group
 
 _NEEDED = {
     "virtio_pci": "", "9pnet_virtio": "", "9p": "", "can-raw": "", "kvaser_pci": "", "vcan": "echo=1", "vxcan": "",
@@ -72,9 +72,8 @@ def run(arguments: list[str]) -> tuple[int, str]:
         words = [sys.executable, "-m", "tests.socketcan.first", "-", *arguments]
         script.write_text(f"export PATH={os.environ['PATH']} PYTHONPATH={ROOT}\ncd {ROOT}\nexec {' '.join(words)}\n")
         initrd.write_bytes(_archive(found, str(script)))
-        done = subprocess.run(_command(found, initrd), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-                              stderr=subprocess.STDOUT, text=True, errors="replace", timeout=_LONGEST)  # fmt: skip
-    return status_of(done.stdout), done.stdout
+        said = run_group(_command(found, initrd), timeout=_LONGEST)
+    return status_of(said), said
 
 
 def _command(kernel: Kernel, initrd: Path) -> list[str]:

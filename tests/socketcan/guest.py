@@ -16,6 +16,7 @@ import tempfile
 from pathlib import Path
 
 from tests.socketcan.first import ROOT, path, status_of
+from tests.socketcan.process_group import run_group
 
 
 def kernel() -> tuple[Path, Path] | None:
@@ -59,13 +60,12 @@ def run(arguments: list[str]) -> tuple[int, str]:
         init.write_text(f"#!/bin/sh\ncd {ROOT}\nexec {' '.join(words)}\n")
         init.chmod(0o755)
         Path(name).chmod(0o755)
-        done = subprocess.run(
+        said = run_group(
             [str(program), "mem=768M", "rootfstype=hostfs", "root=/dev/root", "ro", f"init={init}", "con=null",
              "con0=fd:0,fd:1", "quiet", "panic=-1"],
-            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace",
             env={**os.environ, "TMPDIR": name, "HOME": "/mnt", **_preloaded(Path(name))},
         )  # fmt: skip
-    return status_of(done.stdout), done.stdout
+    return status_of(said), said
 
 
 def main() -> int:

@@ -23,6 +23,7 @@ _log = logging.getLogger(__name__)
 IMAGE, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
 _DEPTHS = {"16UC1": ("u2", 1e-3), "mono16": ("u2", 1e-3), "32FC1": ("f4", 1.0)}  # REP 118: mm, or m.
 _FLOATS = {7: "f4", 8: "f8"}  # sensor_msgs/PointField.
+_FARTHEST = 50.0  # m. No depth camera of a cell sees so far in half of its pixels; in mm it is 5 cm.
 _ENOUGH = 100  # Points by which an organised cloud's lens is found.
 _OFF = 1.0  # Pixels. Further off, an organised cloud is none of a pinhole.
 _INSIDE, _CLEARLY = 0.5, 0.9  # Shares of a cloud's points in its picture: fewer are another frame's; surely so.
@@ -56,7 +57,7 @@ def read_depth(path: Path, topic: str | None = None, world: str = "world") -> It
     and their number is logged.
 
     Raises RecordingError for a file that is no bag, ConfigError for a topic that is not there or cannot be read as
-    depth.
+    depth, and for depths that are not in m.
     """
     if not path.exists():
         raise RecordingError(f"no bag at {path}")
@@ -79,6 +80,7 @@ def read_depth(path: Path, topic: str | None = None, world: str = "world") -> It
                 depth, lens = _image(message, info, where)
             else:
                 depth, lens = _cloud(message, info, where)
+            _check_metres(depth, where)
             frame = str(message.header.frame_id)
             yield BagDepth((time - int(first[0])) * NANOSECOND, depth, lens, frame, tree.pose(world, frame, time, at))
 
@@ -164,6 +166,17 @@ def _cloud(message: Any, lens: Lens | None, where: str) -> tuple[NDArray[np.floa
     np.minimum.at(depth, (row[inside], column[inside]), z[inside].astype(np.float32))
     depth[np.isinf(depth)] = np.nan
     return depth, lens
+
+
+def _check_metres(depth: NDArray[np.float32], where: str) -> None:
+    """Raise ConfigError for depths that look like mm."""
+    known = depth[np.isfinite(depth)]
+    middle = float(np.median(known)) if len(known) else 0.0
+    if middle > _FARTHEST:
+        raise ConfigError(
+            f"{where}: half of the depths are beyond {middle:.3g} m, so they look like mm; floats are read as m: "
+            "divide them by 1000, or record pictures of whole mm as 16UC1"
+        )
 
 
 def _pixels(points: Array, lens: Lens) -> Array:

@@ -49,9 +49,11 @@ class _JointStates(NamedTuple):
     position: list[Vector]
     """(n,), rad."""
     velocity: list[Vector]
-    """(n,), rad/s; NaN: none given."""
+    """(n,), rad/s; NaN: none given, or none that is finite."""
     others: int
     """Messages with no joint of the hand."""
+    no_speed: int
+    """Messages with speeds of which some are not finite."""
 
 
 def is_bag(path: Path) -> bool:
@@ -62,9 +64,9 @@ def is_bag(path: Path) -> bool:
 def from_bag(path: Path, spec: HandSpec | None, period: float, topic: str | None = None) -> Recording:
     """Read a recording from a bag. A bag that was exported from a recording gives that recording again. From any other
     bag, of ROS 1 or 2, the sensor_msgs/JointState of the joints of `spec` on `topic` is taken, each message by its own
-    names, about every `period` s; None: on the only topic with such joints that is called `joint_states`. The
-    recording's `notes` say what is left out. Raises RecordingError for a file that is no bag, and for rows that no
-    reader takes, ConfigError for a bag of another hand or with several such topics."""
+    names, about every `period` s; None: on the only topic with such joints that is called `joint_states`. Speeds that
+    are not finite are unknown, NaN. The recording's `notes` say what is left out. Raises RecordingError for a file that
+    is no bag, and for rows that no reader takes, ConfigError for a bag of another hand or with several such topics."""
     if not path.exists():
         raise RecordingError(f"no bag at {path}")
     with open_bag(path) as reader:
@@ -131,6 +133,10 @@ def _foreign(path: Path, reader: Any, spec: HandSpec, period: float, topic: str 
     notes = [f"{what}: {line}" for line in clock.left_out("messages")]
     if heard.others:
         notes.append(f"{what}: {heard.others} messages are left out, which have no joint of {spec.name}")
+    if heard.no_speed:
+        notes.append(
+            f"{what}: {heard.no_speed} messages have speeds that are infinite or NaN, which are read as unknown"
+        )
     if others:
         notes.append(f"{what} is read; positions of the same joints are on {', '.join(others)}, too")
     times = (clock.times[clock.kept] - clock.times[clock.kept][:1]) / 1e9
@@ -222,10 +228,10 @@ def _order(spec: HandSpec, names: Sequence[str], what: str) -> list[int] | None:
 
 def _joint_states(reader: Any, topic: str, spec: HandSpec, what: str) -> _JointStates:
     """Each message by its own names. Raises ConfigError for one that lacks a joint or a number."""
-    heard = _JointStates([], [], [], [], 0)
+    heard = _JointStates([], [], [], [], 0, 0)
     orders: dict[tuple[str, ...], list[int] | None] = {}
-    no_speed = np.full(spec.n_joints, np.nan)
-    others = 0
+    blank = np.full(spec.n_joints, np.nan)
+    others, no_speed = 0, 0
     for at, message in _messages(reader, topic):
         names = tuple(message.name)
         if names not in orders:
@@ -242,8 +248,11 @@ def _joint_states(reader: Any, topic: str, spec: HandSpec, what: str) -> _JointS
         heard.recorded.append(at)
         heard.position.append(spec.vector(np.asarray(message.position, dtype=np.float64)[order], f"{what} position"))
         speeds = np.asarray(message.velocity, dtype=np.float64)
-        heard.velocity.append(speeds[order] if len(speeds) else no_speed)
-    return heard._replace(others=others)
+        speeds = speeds[order] if len(speeds) else blank
+        known = np.isfinite(speeds)
+        no_speed += bool(len(message.velocity)) and not known.all()
+        heard.velocity.append(np.where(known, speeds, np.nan))
+    return heard._replace(others=others, no_speed=no_speed)
 
 
 def to_mcap(recording: Recording, path: Path) -> None:

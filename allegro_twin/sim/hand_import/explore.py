@@ -386,8 +386,8 @@ def _followers(
     """Joints without a motor: after which they go, and how far; those that go after none and that nothing fixes; and
     notes on what a second motor moves by a little. Raises ConfigError for a joint that follows two motors."""
     own = {motor.joint for motor in motors}
-    fixed = {int(model.eq_obj1id[k]) for k in range(model.neq) if model.eq_type[k] == mujoco.mjtEq.mjEQ_JOINT
-             and model.eq_obj2id[k] < 0 and model.eq_active0[k]}  # fmt: skip
+    alone = (model.eq_type == mujoco.mjtEq.mjEQ_JOINT) & (model.eq_obj2id < 0) & model.eq_active0.astype(bool)
+    fixed = {int(model.eq_obj1id[k]): float(model.eq_data[k, 0]) for k in np.flatnonzero(alone)}
     followers, free, notes = list[dict[str, Any]](), list[str](), list[str]()
     for joint in range(model.njnt):
         if joint in own or int(model.jnt_type[joint]) not in _JOINTS:
@@ -397,6 +397,11 @@ def _followers(
         motor, second = int(np.argmax(far)), int(np.argsort(-far, kind="stable")[1]) if len(motors) > 1 else 0
         if far[motor] < _MOVES:
             free += [] if joint in fixed else [name]
+            if abs(away := fixed.get(joint, 0.0)) > _MOVES:
+                notes.append(
+                    f"{name}: an equality fixes it {away:.3g} {unit} from where the file draws it; kinematics has it "
+                    "as drawn, so fingertips beyond it are off: draw its body there, and delete joint and equality"
+                )
             continue
         if second != motor and far[second] >= _MOVES:
             ways = [f"{motors[k].name} (by {far[k]:.3g} {unit})" for k in (motor, second)]

@@ -71,7 +71,7 @@ def test_tries_are_the_same_in_this_process_and_in_two_others() -> None:
 def test_a_trial_that_cannot_be_made_is_one_error_and_not_a_grasp_that_fails() -> None:
     version, folder = lemon()
     gone = version.scenario.model_copy(update={"objects": (
-        version.scenario.objects[0].model_validate({"name": "gone"}),)})  # fmt: skip
+        version.scenario.objects[0].model_copy(update={"name": "gone"}),)})  # fmt: skip
     with pytest.raises(HandError, match="no object named 'gone'"):
         try_variants(
             [GraspVariant(gone, version.grasp)],

@@ -119,6 +119,13 @@ def test_what_is_wrong_before_anything_moves_ends_with_2(command: Run) -> None:
     assert command(*CONFIG, "--follow")[0] == 2
 
 
+def test_an_object_that_nobody_knows_is_named_with_the_cells_file_and_its_key(tmp_path: Path, command: Run) -> None:
+    config = tmp_path / "cell.yaml"
+    config.write_text((data_root() / "conf" / "lab_allegro.yaml").read_text().replace("{name: apple", "{name: aple"))
+    code, _, errors = command("lab", config)
+    assert (code, "cell.yaml: objects.0: no object named 'aple'; did you mean 'apple'" in errors) == (2, True)
+
+
 def test_a_mesh_is_taken_by_the_unit_that_is_said(
     command: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -198,7 +205,9 @@ def test_what_is_put_away_and_is_not_in_the_tray_in_truth_is_named_with_where_it
     end = CellOutcome("missed", "left", "2 objects put away, so the cell takes it for cleared; in truth tall neither …")
     report = LabReport(end, (), 1, None, None, None, float("nan"), 0.0, "cube", (), 2, ("cube",), ("pea",), ("tall",))
     said, last = lab.outcome_lines(report)
-    assert said == "2 put into the tray; in truth in it: cube; on the table: pea; off the table: tall"
+    assert (
+        said == "2 put into the tray, as the cell counts; in truth in it: cube; on the table: pea; off the table: tall"
+    )
     assert last.startswith("missed: left; 2 objects put away")
 
 

@@ -29,7 +29,7 @@ from allegro_twin.twin.identify.motions.limits import (
     limit_sweep,
     limits_in_samples,
 )
-from allegro_twin.types import Command, HandState, TorqueCommand, Vector, frozen
+from allegro_twin.types import Command, HandState, Sample, TorqueCommand, Vector, frozen
 from tests.conftest import MakeSim
 
 
@@ -129,6 +129,25 @@ def test_the_sweep_leaves_no_joint_out_and_ends_at_rest(spec: HandSpec) -> None:
     np.testing.assert_allclose(rows.min(axis=0), spec.lower - BEYOND, atol=0.01)
     np.testing.assert_allclose(rows.max(axis=0), spec.upper + BEYOND, atol=0.01)
     np.testing.assert_array_equal(path(path.seconds).position, rest)
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.05, 0.3])
+def test_a_joint_that_had_not_come_to_rest_before_it_was_called_back_was_at_no_stop(
+    spec: HandSpec, speed: float
+) -> None:
+    """It comes with little torque, and then goes on against much: a joint that is at rest there is at a stop."""
+    samples = []
+    for k in range(300):
+        t, still, position = 0.003 * k, np.zeros(16), spec.lower + 0.2
+        position[1] += min(k, 100) * 0.003 * 2.0 + max(min(k, 250) - 100, 0) * 0.003 * speed
+        torque = np.where(np.arange(16) == 1, 0.1 if k < 100 else 0.25 if k < 250 else -0.25, 0.0)
+        state = HandState(t, k, frozen(position), frozen(still), frozen(still), frozen(still), frozen(np.zeros(3)))
+        samples.append(Sample(state, TorqueCommand(frozen(torque))))
+    found = limits_in_samples(samples, np.full(16, TORQUE))
+    assert found.at_stop is not None
+    assert found.creep is not None
+    assert bool(found.at_stop[1, 1]) == (speed == 0.0)
+    assert found.creep[1, 1] == pytest.approx(speed, abs=1e-6)
 
 
 def test_without_samples_there_are_no_limits() -> None:

@@ -7,7 +7,8 @@ from functools import cache
 
 from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.codec.frames import Frame
-from allegro_twin.drivers.can.codec.messages import FingerPosition
+from allegro_twin.drivers.can.codec.messages import FingerPosition, FingertipPressure
+from allegro_twin.drivers.can.codec.v4 import V4
 from allegro_twin.drivers.can.codec.versions import LAST_DEVICE, make_codec
 from allegro_twin.errors import ProtocolError
 from allegro_twin.hands.description.calibration import Version
@@ -40,6 +41,23 @@ def reporting(frames: Collection[Frame]) -> str:
         if identifiers:
             found.setdefault(identifiers, []).append(f"{version}{f' (device {device})' if device else ''}")
     return ", ".join(f"a {_either(names)} hand" for names in found.values())
+
+
+@cache
+def _v5_alone() -> frozenset[int]:
+    """Identifiers of the fingertip pressures, which no v4 hand has. Those of other firmware, from 0x50 on, are not
+    among them: an early v4 hand took its torques there (docs/reference/can_protocol.md)."""
+    v5 = make_codec("v5")
+    return frozenset(v5.encode(FingertipPressure(pair, (0.0, 0.0))).id for pair in ((0, 1), (2, 3)))
+
+
+def contradiction(codec: Codec, frame: Frame) -> str:
+    """Why a frame cannot be on the bus of a hand of this version, whose other frames a v5 hand's look like; empty where
+    it can be."""
+    first_v4 = isinstance(codec, V4) and codec.version == "v4" and not codec.device
+    if not first_v4 or frame.id not in _v5_alone() or frame.remote or len(frame.data) != 8:
+        return ""
+    return f"frame {frame} is a v5 hand's pressure at two fingertips, which no v4 hand has: correct `backend.version`"
 
 
 def _reports(codec: Codec, frame: Frame) -> bool:

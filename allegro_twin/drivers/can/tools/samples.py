@@ -10,7 +10,7 @@ import numpy as np
 
 from allegro_twin.drivers.can.codec import messages as m
 from allegro_twin.drivers.can.codec.codec import FINGERS, Codec
-from allegro_twin.drivers.can.codec.detect import reporting
+from allegro_twin.drivers.can.codec.detect import contradiction, reporting
 from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.messages import Four
 from allegro_twin.drivers.can.driver.clock import OFF, steady
@@ -82,6 +82,8 @@ class Samples:
         if reports or frame.id in self._codec.torques.fingers:
             self._settle()
         message = self._interpreter.hear(frame, t)
+        if other := contradiction(self._codec, frame):
+            self._wrong[bus] = other
         self.found.malformed = self._interpreter.health.malformed
         if isinstance(message, m.Information | m.Serial) and self._side is not None:
             self._wrong[bus] = mismatch(message, self._codec, self._side) or self._wrong.get(bus, "")

@@ -236,7 +236,7 @@ def outcome_lines(report: LabReport) -> list[str]:
     if report.released or report.in_tray:
         places = {"in it": report.in_tray, "on the table": report.on_table, "off the table": report.off_table}
         said = "; ".join(f"{where}: {', '.join(names)}" for where, names in places.items() if names)
-        lines.append(f"{report.released} put into the tray; in truth {said or 'none is in it'}")
+        lines.append(f"{report.released} put into the tray, as the cell counts; in truth {said or 'none is in it'}")
         return [*lines, f"{report.end}; {report.end.sentence}"]
     for name, way in report.moved:
         said = "is in the hand, too" if name in report.in_hand else f"was moved by {1e3 * way:.0f} mm"

@@ -24,6 +24,9 @@ _ALIKE = 0.03  # rad. By so much the shifts of both ends may differ: an offset i
 _NEAR = 0.01  # rad. So near its furthest a joint stands there.
 _APPROACH = 0.05  # rad before that, over which the torque that moves a joint is looked at.
 _STOOD = 0.05  # s.
+# s, rad/s, rad. A joint that in so long before it is called back goes on faster, and by more than an encoder's noise,
+# is not at rest.
+_REST, _CREPT, _RESTS = 0.2, 0.02, 0.003
 _SPARE = 0.8  # Of the torque against which a joint stood; it must have come there with less.
 _MET = 0.03  # rad. Closer to the sweep's end than this, a joint did not stop at its stop, but where it was sent.
 _RUN, _RAN, _MUCH = 0.1, 0.15, 0.5  # s, rad, of the most torque. The sweep asks for 0.8 rad/s; a finger without motors
@@ -54,6 +57,9 @@ class FoundLimits:
     """Where the joints were at first, (n,), rad; None where nobody knows."""
     ran: NDArray[np.bool_] | None = None
     """Whether the joint once ran against its torque, (n,); None where nothing pressed the joints but a person."""
+    creep: NDArray[np.float64] | None = None
+    """Speed at which the joint still went on when it was called back from its lowest and its highest, (2, n), rad/s; 0
+    where it was at rest; None where nothing pressed the joints but a person."""
 
 
 def limit_sweep(spec: HandSpec, rest: Vector, speed: float = 0.8) -> Moves:
@@ -84,15 +90,19 @@ def limits_in_samples(samples: Iterable[Sample], most: Vector | None = None) -> 
     if not positions:
         raise ConfigError("no limits were found: there was no state to look at")
     seen = np.array(positions)
-    stops = ran = None
+    stops = creep = ran = None
     if len(torques) == len(positions):
         pressed, t = np.array(torques), np.array(times)
         joints = range(seen.shape[1])
         stops = np.array(
             [[_stood_at_stop(t, way * seen[:, k], way * pressed[:, k]) for k in joints] for way in (-1, 1)]
         )
+        creep = np.array(
+            [[_creep(t, way * seen[:, k], way * pressed[:, k]) for k in joints] for way in (-1, 1)], dtype=np.float64
+        )
+        stops &= creep == 0.0
         ran = np.array([_ran_against(t, seen[:, k], pressed[:, k]) for k in joints])
-    return FoundLimits(frozen(seen.min(axis=0)), frozen(seen.max(axis=0)), stops, frozen(seen[0]), ran)
+    return FoundLimits(frozen(seen.min(axis=0)), frozen(seen.max(axis=0)), stops, frozen(seen[0]), ran, creep)
 
 
 def _ran_against(t: Vector, position: Vector, torque: Vector) -> bool:
@@ -109,6 +119,23 @@ def _ran_against(t: Vector, position: Vector, torque: Vector) -> bool:
         if (throughout & (way * (position[:-rows] - position[rows:]) >= _RAN)).any():
             return True
     return False
+
+
+def _creep(t: Vector, position: Vector, torque: Vector) -> float:
+    """Speed at which a joint still went to its highest position when the torque let go, rad/s; 0 where it was at rest.
+
+    All (k,): s, rad, N·m. A joint that was not driven there was at rest.
+    """
+    furthest = int(np.argmax(position))  # Where it met a stop, or a moment after the torque let go.
+    eased = np.flatnonzero((torque[furthest:] <= 0.0) | (position[furthest:] < position[furthest] - _NEAR))
+    pressed = np.flatnonzero(torque[: furthest + int(eased[0])] > 0.0) if len(eased) else np.arange(len(t))
+    last = int(pressed[-1]) if len(pressed) else 0
+    first = int(np.searchsorted(t, t[last] - _REST))
+    if first == last or t[furthest] - t[last] > _REST:
+        return 0.0
+    way = float(position[last] - position[first])
+    speed = way / float(t[last] - t[first])
+    return speed if way > _RESTS and speed > _CREPT else 0.0
 
 
 def _stood_at_stop(t: Vector, position: Vector, torque: Vector) -> bool:
@@ -279,5 +306,11 @@ def _held(found: FoundLimits, exact: NDArray[np.bool_], k: int) -> str:
     """What was wrong at the ends of a joint, as far as its torque tells."""
     if found.at_stop is None or exact[k] or found.at_stop[:, k].all():
         return ""
+    if found.creep is not None and (speeds := found.creep[:, k][~found.at_stop[:, k]]).any():
+        at = " and ".join(np.array(["lower", "upper"])[~found.at_stop[:, k] & (found.creep[:, k] > 0.0)])
+        return (
+            f", and still moved at the {at} end, at {speeds.max():.2g} rad/s, when it was called back: it had not come "
+            "to rest at a stop"
+        )
     ends = " and ".join(each for each, stop in zip(("lower", "upper"), found.at_stop[:, k], strict=True) if not stop)
     return f", with no sign of a stop at the {ends} end: friction held it, its motor is weak, or it never moved there"

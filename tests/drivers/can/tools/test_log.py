@@ -118,6 +118,23 @@ def test_a_log_of_another_version_is_refused_where_its_joints_stand_beyond_their
     exported(can_config("v4"), log)
 
 
+def test_a_v5_hands_log_is_refused_as_a_v4_hands_by_its_pressures(tmp_path: Path) -> None:
+    v5 = make_codec("v5")
+    said = [(t, bus, v5.encode(each)) for k in range(20) for t, bus, each in reports(0.003 * k)
+            if not isinstance(each, Frame)]  # fmt: skip
+    pressure = v5.encode(m.FingertipPressure((0, 1), (100.0, 200.0)))
+    config = can_config("v4")
+    for number, (identify, bus) in enumerate([(True, "can0"), (False, "can0"), (True, "can1")]):
+        log = candump(tmp_path / f"{number}.log", *said[:40], (0.0298, bus, pressure), *said[40:])
+        own = config.model_copy(update={"backend": config.backend.model_copy(update={"identify": identify})})
+        if bus == "can1":
+            exported(own, log)
+            continue
+        with pytest.raises(ConfigError, match=r"^frame .* is a v5 hand's pressure .* no v4 hand has: correct `backend"):
+            exported(own, log)
+        exported(can_config("v5"), log)
+
+
 def test_a_log_in_which_a_hand_says_another_side_or_version_than_the_config_is_refused(tmp_path: Path) -> None:
     right = m.Information(0x0400, 0x0100, "right")
     log = candump(tmp_path / "c.log", (0.0, "can0", right), *reports(0.001), *reports(0.004))
