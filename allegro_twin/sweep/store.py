@@ -112,8 +112,8 @@ class Store:
                 continue
             if left < table.num_rows:
                 self.add(table.filter(stays))
-            with atomic_file(aside / part.name) as temporary:
-                pq.write_table(table, temporary)
+            with atomic_file(aside / part.name) as temporary, temporary.open("wb") as file:
+                pq.write_table(table, file)
             part.unlink()
             moved += left
         if moved:
@@ -134,8 +134,8 @@ class Store:
     def add(self, table: Any) -> None:
         """A part, which is there as a whole or not at all. Raises RecordingError."""
         name = sha256("".join(table[KEY].to_pylist()).encode()).hexdigest()[:24]
-        with atomic_file(self.folder / f"part-{name}.parquet") as temporary:
-            pq.write_table(table, temporary)
+        with atomic_file(self.folder / f"part-{name}.parquet") as temporary, temporary.open("wb") as file:
+            pq.write_table(table, file)
 
     def tables(self) -> list[Any]:
         """Tables of all parts. Raises RecordingError."""
@@ -201,7 +201,8 @@ def _listed(names: Sequence[str]) -> str:
 
 def _part(path: Path, columns: Sequence[str] | None = None) -> Any:
     try:
-        return pq.read_table(path, columns=columns, partitioning=None)
+        with path.open("rb") as file:  # Arrow opens only names that are UTF-8; Python opens every one.
+            return pq.read_table(file, columns=columns)
     except (OSError, pa.ArrowInvalid) as error:
         said = " ".join(str(error).split())
         raise RecordingError(f"{path}: cannot be read: {said}; delete it, and its items are computed again") from error

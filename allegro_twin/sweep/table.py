@@ -59,14 +59,15 @@ def write_results(path: Path, table: Any, stamps: Mapping[str, str], first: Mapp
     columns = {name: pa.array(values) for name, values in first.items()}
     columns |= {name: table[name] for name in table.column_names}
     whole = pa.table(columns).replace_schema_metadata(dict(stamps))
-    with atomic_file(path) as temporary:
-        pq.write_table(whole, temporary)
+    with atomic_file(path) as temporary, temporary.open("wb") as file:
+        pq.write_table(whole, file)
 
 
 def read_results(path: Path) -> tuple[Any, dict[str, str]]:
     """The table of such a file and its stamps. Raises RecordingError."""
     try:
-        table = pq.read_table(path)
+        with path.open("rb") as file:  # Arrow opens only names that are UTF-8; Python opens every one.
+            table = pq.read_table(file)
         return table, {key.decode(): value.decode() for key, value in (table.schema.metadata or {}).items()}
     except (OSError, pa.ArrowInvalid, ValueError) as error:
         said = " ".join(str(error).split())

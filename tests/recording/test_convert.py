@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,10 +11,11 @@ import pyarrow.csv
 import pyarrow.parquet
 import pytest
 
-from allegro_twin.errors import RecordingError
+from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.recording.exchange.episodes import write_arrow
 from allegro_twin.recording.exchange.tables import to_csv, to_parquet
-from allegro_twin.recording.reader import load
+from allegro_twin.recording.reader import Recording, load
 
 
 def test_parquet_holds_the_same_columns_and_the_metadata(recording_path: Path, tmp_path: Path) -> None:
@@ -46,6 +48,25 @@ def test_only_columns_of_joints_are_named_by_joint_whatever_their_width_is(
     assert [name for name in names if name.startswith("target.")] == [
         f"target.{k}" for k in recording.spec.joint_labels
     ]
+
+
+def test_a_column_of_lists_is_no_part_of_a_csv_and_is_named(recording_path: Path, tmp_path: Path) -> None:
+    recording = load(recording_path)
+    lists = np.array([[1.0]] * len(recording) + [None], object)[:-1]
+    with pytest.raises(ConfigError, match="column note has list<item: double>, which a .csv has no place for"):
+        to_csv(replace(recording, columns={**recording.columns, "note": lists}), tmp_path / "r.csv")
+    assert not (tmp_path / "r.csv").exists()
+
+
+@pytest.mark.parametrize("write", [to_csv, to_parquet, write_arrow])
+def test_a_recording_becomes_a_file_whose_name_is_not_utf8(
+    write: Callable[[Recording, Path], None], recording_path: Path, tmp_path: Path
+) -> None:
+    recording, folder = load(recording_path), tmp_path / "n\udce4me"
+    write(recording, folder / "n\udce4me")
+    write(recording, tmp_path / "name")
+    assert (folder / "n\udce4me").read_bytes() == (tmp_path / "name").read_bytes()
+    assert len(list(folder.iterdir())) == 1
 
 
 def test_a_file_that_fails_half_way_leaves_the_old_one(tmp_path: Path) -> None:

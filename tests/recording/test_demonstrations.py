@@ -63,6 +63,40 @@ def test_every_episode_comes_back_as_it_was(there_and_back: Pair, episodes: list
         assert not differing(episode, back(tmp_path / "set-v0", number))
 
 
+def test_a_column_of_text_is_no_part_of_a_lerobot_set_and_is_named(episodes: list[Recording], tmp_path: Path) -> None:
+    first = episodes[0]
+    noted = replace(first, columns={**first.columns, "note": np.array(["a"] * len(first), object)})
+    with pytest.raises(ConfigError, match="column note has no numbers, and a LeRobot set takes nothing else"):
+        to_lerobot([noted], tmp_path / "set")
+    assert not (tmp_path / "set").exists()
+    extra = {"flag": np.ones(len(first), bool), "count": np.arange(len(first))}
+    to_lerobot([replace(first, columns={**first.columns, **extra})], tmp_path / "set")
+    assert from_lerobot(tmp_path / "set").columns["flag"].dtype == bool
+
+
+def test_a_column_of_text_comes_back_from_a_minari_set_and_one_of_lists_is_named(
+    episodes: list[Recording], tmp_path: Path
+) -> None:
+    pytest.importorskip("h5py", reason="Minari's files are HDF5: extra demos")
+    first = episodes[0]
+    noted, listed = (
+        replace(first, columns={**first.columns, "note": np.array([value] * len(first) + [None], object)[:-1]})
+        for value in ("\u00e4", [1.0])
+    )
+    to_minari([noted], tmp_path / "set-v0")
+    assert from_minari(tmp_path / "set-v0").columns["note"].tolist() == ["\u00e4"] * len(first)
+    with pytest.raises(ConfigError, match="column note has no numbers or text, and a Minari set takes nothing else"):
+        to_minari([listed], tmp_path / "lists-v0")
+
+
+def test_a_set_in_a_folder_whose_name_is_not_utf8_comes_back_as_it_was(
+    there_and_back: Pair, episodes: list[Recording], tmp_path: Path
+) -> None:
+    there, back = there_and_back
+    there(episodes, tmp_path / "n\udce4me" / "set-v0")
+    assert not differing(episodes[1], back(tmp_path / "n\udce4me" / "set-v0", 1))
+
+
 def test_what_comes_back_drives_a_replay(there_and_back: Pair, episodes: list[Recording], tmp_path: Path) -> None:
     there, back = there_and_back
     there(episodes, tmp_path / "set-v0")

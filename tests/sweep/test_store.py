@@ -16,6 +16,7 @@ import pytest
 
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.sweep import Local, Store, Sweep, run
+from allegro_twin.sweep.table import read_results, write_results
 from tests.sweep.test_sweep import WAVES, sweep_of
 from tests.sweep.work import as_bytes, calls, numbered
 
@@ -203,6 +204,14 @@ def test_what_a_killed_program_was_writing_is_cleared_away(tmp_path: Path) -> No
     (tmp_path / ".part-1.7.parquet").write_bytes(b"half")
     run(sweep_of(), Store(tmp_path), Local(0))
     assert not list(tmp_path.glob(".*"))
+
+
+def test_a_sweep_goes_on_in_a_folder_whose_name_is_not_utf8(tmp_path: Path) -> None:
+    folder = tmp_path / "n\udce4me"
+    found = run(sweep_of(), Store(folder), Local(0))
+    assert run(sweep_of(), Store(folder), Local(0)) == found
+    write_results(folder / "all.parquet", found, {"of": "sweep"}, {})
+    assert read_results(folder / "all.parquet")[1] == {"of": "sweep"}
 
 
 def test_a_full_disk_is_one_line_and_what_was_finished_stays(tmp_path: Path) -> None:

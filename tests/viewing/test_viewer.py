@@ -317,6 +317,13 @@ def test_a_full_disk_names_the_file_that_was_asked_for(tmp_path: Path, spec: Han
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_name_that_is_not_utf8_is_one_line_and_leaves_no_file(tmp_path: Path, spec: HandSpec) -> None:
+    said = pytest.raises(ConfigError, match="n\udce4me.rrd: Rerun takes only a path that is UTF-8$")
+    with said, Viewer(spec, scenery(spec, {})).recorded(tmp_path / "n\udce4me.rrd"):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_what_the_disk_does_not_take_later_names_the_file_too(
     tmp_path: Path, spec: HandSpec, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -55,6 +55,20 @@ def check_recordings(recordings: Sequence[Recording], folder: Path) -> None:
             raise ConfigError(f"{other.path} and {first.path} do not both have {differ}: they make two data sets")
 
 
+def check_numbers(recording: Recording, what: str, *, text: bool = False) -> None:
+    """Raise ConfigError for a column that somebody added and that has something else than numbers; `what` takes none
+    such, but `text` perhaps."""
+    for name, values in recording.columns.items():
+        if np.issubdtype(values.dtype, np.number) or values.dtype == bool:
+            continue
+        if not text or values.dtype != object or not all(isinstance(value, str) for value in values):
+            kinds = "numbers or text" if text else "numbers"
+            raise ConfigError(
+                f"{recording.path}: column {name} has no {kinds}, and {what} takes nothing else: leave the column out, "
+                "or export to .parquet"
+            )
+
+
 def action_of(recording: Recording) -> tuple[str, Array]:
     """What a learner should imitate: the position controller's set-points, rad, or the command where there are none;
     and the name of that column."""
@@ -94,5 +108,5 @@ def write_arrow(recording: Recording, path: Path) -> None:
     arrays = {name: arrow_column(values) for name, values in recording.columns.items()}
     fields = [pa.field(name, a.type).with_metadata({"unit": UNITS.get(name, "")}) for name, a in arrays.items()]
     schema = pa.schema(fields, metadata={"allegro_twin": json.dumps(dict(recording.meta))})
-    with atomic_file(path) as temporary, pa.ipc.new_stream(str(temporary), schema) as writer:
+    with atomic_file(path) as temporary, temporary.open("wb") as file, pa.ipc.new_stream(file, schema) as writer:
         writer.write_table(pa.table(list(arrays.values()), schema=schema))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,6 +23,7 @@ from allegro_twin.recording.arrow_writer import arrow_column
 from allegro_twin.recording.exchange.episodes import (
     KEPT,
     action_of,
+    check_numbers,
     check_recordings,
     number_names,
     rebuild_recording,
@@ -71,8 +73,11 @@ class EpisodeLocation(NamedTuple):
 
 def to_lerobot(recordings: Sequence[Recording], folder: Path) -> None:
     """Write a new data set, whole or not at all. Raises ConfigError for a folder with content, or for recordings of
-    different hands, periods or columns; RecordingError when the disk does not allow it."""
+    different hands, periods or columns, or with a column of something else than numbers; RecordingError when the disk
+    does not allow it."""
     check_recordings(recordings, folder)
+    for each in recordings:
+        check_numbers(each, "a LeRobot set")
     first = recordings[0]
     names = {"observation.state": "position", "observation.velocity": "velocity", "action": action_of(first)[0]}
     labels = {name: number_names(first.spec, what, first.columns[what].shape[1]) for name, what in names.items()}
@@ -97,8 +102,9 @@ def write_dataset(sources: Sequence[LerobotEpisode], origin: DatasetOrigin, fold
     stats = [{name: statistics(columns[name]) for name in known} for columns in episodes]
     whole = {name: statistics(np.concatenate([columns[name] for columns in episodes])) for name in known}
     rows = episode_rows(places, [each.task for each in sources], stats)
-    pa.parquet.write_table(rows, folder / EPISODES)
-    pa.parquet.write_table(task_table(tasks), folder / "meta/tasks.parquet")
+    for table, name in ((rows, EPISODES), (task_table(tasks), "meta/tasks.parquet")):
+        with (folder / name).open("wb") as file:
+            pa.parquet.write_table(table, file)
     (folder / "meta/stats.json").write_text(json.dumps(whole, indent=4))
     content = info_json(origin, episodes[0], len(sources), len(tasks), index) | {
         "codebase_version": VERSION, "chunks_size": CHUNK, "data_files_size_in_mb": MEGABYTES, "data_path": DATA,
@@ -133,29 +139,32 @@ def from_lerobot(folder: Path, episode: int = 0) -> Recording:
 def _rows(folder: Path, episode: int) -> tuple[Path, pa.Table]:
     """The file that contains an episode, and its rows there."""
     listed = ["data/chunk_index", "data/file_index"]
-    place = pa.parquet.read_table(folder / EPISODES, columns=listed).slice(episode, 1).to_pylist()[0]
+    with (folder / EPISODES).open("rb") as file:
+        place = pa.parquet.read_table(file, columns=listed).slice(episode, 1).to_pylist()[0]
     path = folder / DATA.format(chunk_index=place[listed[0]], file_index=place[listed[1]])
-    return path, pa.parquet.read_table(path, filters=[("episode_index", "=", episode)])
+    with path.open("rb") as file:
+        return path, pa.parquet.read_table(file, filters=[("episode_index", "=", episode)])
 
 
 def _data(episodes: Sequence[Columns], folder: Path) -> Iterator[EpisodeLocation]:
     """Write the rows of all episodes, several to a file, each a row group of its own."""
     number, size, index = 0, 0, 0
     writer: Any = None
-    for columns in episodes:
-        table = pa.table({name: arrow_column(values) for name, values in columns.items()})
-        if writer is not None and size + table.nbytes > MEGABYTES * 2**20:
-            writer.close()
-            writer, size, number = None, 0, number + 1
-        if writer is None:
-            path = folder / DATA.format(chunk_index=number // CHUNK, file_index=number % CHUNK)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            writer = pa.parquet.ParquetWriter(path, table.schema)
-        writer.write_table(table)
-        size += table.nbytes
-        yield EpisodeLocation(number // CHUNK, number % CHUNK, index, index + len(table))
-        index += len(table)
-    writer.close()
+    with ExitStack() as opened:
+        for columns in episodes:
+            table = pa.table({name: arrow_column(values) for name, values in columns.items()})
+            if writer is not None and size + table.nbytes > MEGABYTES * 2**20:
+                opened.close()
+                writer, size, number = None, 0, number + 1
+            if writer is None:
+                path = folder / DATA.format(chunk_index=number // CHUNK, file_index=number % CHUNK)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                file = opened.enter_context(path.open("wb"))
+                writer = opened.enter_context(pa.parquet.ParquetWriter(file, table.schema))
+            writer.write_table(table)
+            size += table.nbytes
+            yield EpisodeLocation(number // CHUNK, number % CHUNK, index, index + len(table))
+            index += len(table)
 
 
 def _columns(recording: Recording) -> Columns:

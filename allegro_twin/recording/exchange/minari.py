@@ -21,6 +21,7 @@ from allegro_twin.files.atomic_write import atomic_folder
 from allegro_twin.recording.exchange.episodes import (
     KEPT,
     action_of,
+    check_numbers,
     check_recordings,
     observation_of,
     rebuild_recording,
@@ -36,10 +37,12 @@ META = "allegro_twin"
 
 def to_minari(recordings: Sequence[Recording], folder: Path) -> None:
     """Write a new data set, whole or not at all. Minari finds it by its folder, which gives its id (`dataset_id`).
-    Raises ConfigError without h5py, for a folder with content or another name, or for recordings of different kinds;
-    RecordingError when the disk does not allow it."""
+    Raises ConfigError without h5py, for a folder with content or another name, for recordings of different kinds, or
+    for a column of something else than numbers and text; RecordingError when the disk does not allow it."""
     import_h5py()
     check_recordings(recordings, folder)
+    for each in recordings:
+        check_numbers(each, "a Minari set", text=True)
     first = recordings[0]
     content = {
         "description": f"{first.spec.name}: {'; '.join(sorted({task_of(each) for each in recordings}))}; observations "
@@ -53,9 +56,15 @@ def to_minari(recordings: Sequence[Recording], folder: Path) -> None:
 
 def dataset_id(folder: Path) -> str:
     """The id of a data set, `<folder above>/<folder>`: Minari looks for it there below its own folder,
-    ~/.minari/datasets. Raises ConfigError for a name that does not end in a version, as Minari's ids do."""
+    ~/.minari/datasets. Raises ConfigError for a name that does not end in a version or has other signs than Minari's
+    ids."""
     if not re.fullmatch(r"[\w-]+-v\d+", folder.name):
-        raise ConfigError(f"{folder}: Minari finds a set by its folder, whose name ends in a version: {folder.name}-v0")
+        name = re.sub(r"[^\w-]+", "_", folder.name)
+        signs = "" if name == folder.name else " has only letters, digits, _ and -, and"
+        version = "" if re.search(r"-v\d+$", name) else "-v0"
+        raise ConfigError(
+            f"{folder}: Minari finds a set by its folder, whose name{signs} ends in a version: {name}{version}"
+        )
     return f"{folder.resolve().parent.name}/{folder.name}"
 
 
@@ -97,7 +106,9 @@ def from_minari(folder: Path, episode: int = 0) -> Recording:
                 raise RecordingError(
                     f"{folder} was not made of recordings of this package: its episodes have no {META}"
                 )
-            columns = {key: values[()] for key, values in group["infos"][KEPT].items()}
+            kept = group["infos"][KEPT].items()
+            texts = {key for key, values in kept if h5py.check_string_dtype(values.dtype)}
+            columns = {key: (values.asstr() if key in texts else values)[()] for key, values in kept}
             meta = json.loads(group.attrs[META])
     except OSError as error:
         raise RecordingError(f"{path}: not a readable HDF5 file: {error}") from error

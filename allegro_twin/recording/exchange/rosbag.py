@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import sqlite3
 import struct
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
@@ -19,7 +20,7 @@ from allegro_twin.errors import ConfigError, RecordingError, unknown
 from allegro_twin.files.atomic_write import atomic_file, atomic_folder
 from allegro_twin.recording.arrow_writer import FORMAT, VERSION
 from allegro_twin.recording.exchange.bag_times import bag_times
-from allegro_twin.recording.exchange.episodes import rebuild_recording
+from allegro_twin.recording.exchange.episodes import check_numbers, rebuild_recording
 from allegro_twin.recording.messages import message_types as v
 from allegro_twin.recording.messages.bag_topics import COLUMN, META, BagMessage, BagTopic, bag_messages, bag_topics
 from allegro_twin.recording.messages.build import joint_index, joint_order
@@ -32,6 +33,8 @@ from allegro_twin.types import Array, Vector
 SUFFIXES = (".mcap", ".db3", ".bag")
 MEASURED = "joint_states"
 """Last name of a topic on which joints are measured, by the convention of ROS; on others they may be commands."""
+_URI = "?#%"
+"""Signs of a path that rosbags gives to SQLite as they are, which takes them for parts of a URI."""
 _FASTEST = 1e-4  # s; messages that come faster come twice.
 _OFF = 0.2  # Share of the period: further off, the config's period is not the bag's.
 
@@ -253,7 +256,8 @@ def _joint_states(reader: Any, topic: str, spec: HandSpec, what: str) -> _JointS
 
 
 def to_mcap(recording: Recording, path: Path) -> None:
-    """Write one file, which Foxglove, PlotJuggler and `ros2 bag` open. Raises RecordingError."""
+    """Write one file, which Foxglove, PlotJuggler and `ros2 bag` open. Raises ConfigError for a column of something
+    else than numbers, and RecordingError."""
     with atomic_file(path) as temporary, tempfile.TemporaryDirectory(dir=path.parent) as folder:
         bag = Path(folder) / "bag"
         _write(recording, bag, mcap=True)
@@ -262,7 +266,10 @@ def to_mcap(recording: Recording, path: Path) -> None:
 
 def to_rosbag2(recording: Recording, folder: Path) -> None:
     """Write a folder with metadata.yaml and SQLite, which every distribution reads without further packages. Raises
-    ConfigError for a folder with content, and RecordingError."""
+    ConfigError for a folder with content, a path that SQLite does not take or a column of something else than numbers,
+    and RecordingError."""
+    if any(sign in _URI for sign in str(folder)):
+        raise ConfigError(f"{folder}: a rosbag2 is written where the path has none of {' '.join(_URI)}")
     with atomic_folder(folder) as temporary:
         inner = temporary / "bag"
         _write(recording, inner, mcap=False)
@@ -280,11 +287,14 @@ def messages_to_mcap(path: Path, topics: Sequence[BagTopic], messages: Iterable[
 
 
 def _write(recording: Recording, folder: Path, *, mcap: bool) -> None:
+    check_numbers(recording, "a bag")
     messages = bag_messages(ros_types(), recording.spec, recording.meta, recording.columns)
     _write_messages(folder, bag_topics(recording.columns), messages, mcap=mcap)
 
 
 def _write_messages(folder: Path, topics: Sequence[BagTopic], messages: Iterable[BagMessage], *, mcap: bool) -> None:
+    """Write a bag into a new folder, under a temporary name. Raises OSError, of which the caller makes an error that
+    names what was asked for."""
     words = ros_types()
     from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 
@@ -294,8 +304,8 @@ def _write_messages(folder: Path, topics: Sequence[BagTopic], messages: Iterable
             opened = {topic.name: _connection(writer, words, topic) for topic in topics}
             for name, at, message in messages:
                 writer.write(opened[name], at, words.encode(message))
-    except (OSError, WriterError) as error:
-        raise RecordingError(f"cannot write the bag {folder.parent}: {error}") from error
+    except (WriterError, sqlite3.Error) as error:
+        raise OSError(str(error)) from error
 
 
 def _connection(writer: object, words: RosTypes, topic: BagTopic) -> object:

@@ -108,6 +108,10 @@ class Viewer:
         where it cannot be made, RecordingError on a full disk."""
         self._name = name or path
         try:
+            str(path).encode()
+        except UnicodeEncodeError as error:
+            raise ConfigError(f"cannot write {self._name}: Rerun takes only a path that is UTF-8") from error
+        try:
             path.write_bytes(bytes(_HEAD))  # Where the disk takes not even this, Rerun may wait for ever.
         except OSError as error:
             raise write_error(self._name, error) from error

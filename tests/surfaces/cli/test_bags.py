@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -22,6 +23,7 @@ from allegro_twin.recording.messages.build import joint_states
 from allegro_twin.recording.reader import Recording, load
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, frozen
+from tests.full_disk import full_disk
 from tests.surfaces.cli.conftest import Run
 
 Write = Callable[[Recording, Path], None]
@@ -187,6 +189,32 @@ def test_export_goes_both_ways(
     code, _, error = command("export", recording_path, recording_path, tmp_path / "two", "--format", "rosbag2")
     assert (code, "2 recordings are as many bags" in error) == (2, True)
     assert command("export", recording_path, folder, "--format", "rosbag2")[0] == 2  # It is not empty.
+
+
+@pytest.mark.parametrize("name", ["b?x", "b#y", "b%41"])
+def test_a_rosbag2_is_refused_where_sqlite_takes_its_path_for_another(
+    name: str, recording: Recording, tmp_path: Path
+) -> None:
+    with pytest.raises(ConfigError, match=r"a rosbag2 is written where the path has none of \? # %$"):
+        to_rosbag2(recording, tmp_path / "folder" / name)
+    assert not (tmp_path / "folder").exists()
+
+
+@pytest.mark.parametrize("write", [to_mcap, to_rosbag2])
+def test_a_column_of_text_is_no_part_of_a_bag_and_is_named(write: Write, recording: Recording, tmp_path: Path) -> None:
+    noted = replace(recording, columns={**recording.columns, "note": np.array(["a"] * len(recording), object)})
+    with pytest.raises(ConfigError, match="column note has no numbers, and a bag takes nothing else"):
+        write(noted, tmp_path / "folder" / "bag.mcap")
+    assert not (tmp_path / "folder").exists() or not list((tmp_path / "folder").iterdir())
+
+
+@pytest.mark.parametrize("write", [to_mcap, to_rosbag2])
+def test_a_full_disk_names_the_bag_that_was_asked_for(write: Write, recording: Recording, tmp_path: Path) -> None:
+    target = tmp_path / "folder" / "bag.mcap"
+    for size in (2000, 20_000):
+        with full_disk(size), pytest.raises(RecordingError, match=f"^cannot write {target}: "):
+            write(recording, target)
+        assert not list(target.parent.iterdir())
 
 
 @pytest.mark.parametrize("target", ["hand.json", "hand.xml"])

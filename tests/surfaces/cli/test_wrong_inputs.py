@@ -265,7 +265,7 @@ for typed, folder in json.loads(sys.stdin.read()).items():
     found[typed] = answered(f"export r.arrow {typed}")
 sys.__stdout__.write(json.dumps(found))
 """
-EXPORTS = ["set --format lerobot", "set-v0 --format minari", "a.csv", "a.parquet"]
+EXPORTS = ["set --format lerobot", "set-v0 --format minari", "bag --format rosbag2", "a.csv", "a.parquet", "a.mcap"]
 Answers = dict[str, tuple[Path, int, str]]
 
 

@@ -239,6 +239,7 @@ TABLE = [
         ("export r.arrow full --format lerobot", 2, "full is not empty"),
         ("export r.arrow set --format nope", 2, "no data set format named 'nope'; there are: lerobot, minari"),
         ("export r.arrow set --format minari", 2, "whose name ends in a version: set-v0"),
+        ("export r.arrow 's t-v0' --format minari", 2, "only letters, digits, _ and -, and ends in a version: s_t-v0"),
         ("collect Lift set --episodes 0", 2, "invalid value for '--episodes'"),
         ("collect Lft set", 2, "no task or recipe named 'Lft'; did you mean 'Lift'"),
         # Files that are not what they should be.

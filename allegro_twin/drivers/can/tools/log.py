@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import copy
+import io
 import math
+import os
 import struct
 import threading
 import time
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import can
 from can.io.blf import BLFParseError
@@ -20,7 +22,7 @@ from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.driver.host_settings import CanHostSettings
 from allegro_twin.drivers.can.link.shared_bus import Stamped
 from allegro_twin.drivers.can.tools.samples import Found, Samples
-from allegro_twin.errors import ConfigError, RecordingError
+from allegro_twin.errors import ConfigError, RecordingError, unknown
 from allegro_twin.types import Sample
 
 SUFFIXES = (".blf", ".log", ".asc")
@@ -28,6 +30,8 @@ SUFFIXES = (".blf", ".log", ".asc")
 _FLUSH, _CONTAINER = 128, 6144
 """Frames, and bytes of a .blf's compressed block, after which what was heard goes to the file: a program that is killed
 loses 0.1 s of one hand's bus."""
+_BLF_OBJECT = 16
+"""Bytes of the header of each object in a .blf, in which the object's size stands from byte 8 on."""
 _READERS: dict[str, Any] = {".blf": can.BLFReader, ".log": can.CanutilsLogReader, ".asc": can.ASCReader}
 _BROKEN = (ValueError, IndexError, KeyError, struct.error, zlib.error, can.CanError, BLFParseError, EOFError)
 
@@ -124,6 +128,38 @@ class LoggedBus(can.BusABC):
         self._log(message)
 
 
+class _Lines(io.TextIOWrapper):
+    """Lines of a text log, up to one without an end: such a line may lack digits and still look whole."""
+
+    number = 0
+    """Number of the last line that was read, from 1 on."""
+    cut = False
+
+    def __next__(self) -> str:  # type: ignore[override]  # Typeshed says bytes of every file.
+        line = super().__next__()
+        self.number += 1
+        if not line.endswith("\n"):
+            self.cut = True
+            raise StopIteration
+        return line
+
+
+def _cut_block(file: BinaryIO) -> bool:
+    """Whether the last object of a .blf is cut. Leaves the file at its beginning."""
+
+    def number(place: int) -> int:
+        file.seek(place)
+        return int.from_bytes(file.read(4), "little")
+
+    end, at = os.fstat(file.fileno()).st_size, number(4)
+    while at + _BLF_OBJECT <= end and (size := number(at + 8)) >= _BLF_OBJECT:
+        at += size
+        if at < end:
+            at += size % 4  # Padding, which the last object may lack.
+    file.seek(0)
+    return at > end or 0 < end - at < _BLF_OBJECT
+
+
 class _LogTimes:
     """Tells times that count from the frame before from those of one clock, which may be set, and whose frames may be a
     little out of order: a sum of steps that is many times the span from the first to the last."""
@@ -151,30 +187,47 @@ class _LogTimes:
             raise RecordingError(self.refusal)
 
 
-def frames_of_log(path: Path, bus: str | None = None) -> Iterator[tuple[Stamped, str]]:
+def frames_of_log(path: Path, bus: str | None = None, found: Found | None = None) -> Iterator[tuple[Stamped, str]]:
     """Every classic frame of a log with its time, s, and the bus it was on; of one bus alone, if `bus` names it.
 
-    Raises ConfigError or RecordingError.
+    A line or block at the end that is cut ends the log; `found` has it, and the buses. Raises ConfigError or
+    RecordingError.
     """
     check_suffix(path)
+    found = found if found is not None else Found()
+    lines: _Lines | None = None
+    times, heard = _LogTimes(path), 0
     try:
         # Opened here, for a reader that does not like what it finds leaves its file open.
-        with path.open("rb" if path.suffix == ".blf" else "r") as file:
-            times, reader = _LogTimes(path), _READERS[path.suffix](file)
+        with path.open("rb") as file:
+            if path.suffix == ".blf":
+                found.cut = "block" if _cut_block(file) else ""
+            else:
+                lines = _Lines(file)
+            reader = _READERS[path.suffix](lines or file)
             for message in reader:
+                heard += 1
                 if getattr(reader, "timestamps_format", "") == "relative":  # Vector's text logs say so.
                     raise RecordingError(times.refusal)
                 times.add(message.timestamp)
                 where = str(message.channel)
+                found.buses.add(where)
                 if message.is_error_frame or message.is_extended_id or message.is_fd or bus not in (None, where):
                     continue
                 data = b"" if message.is_remote_frame else bytes(message.data)
                 frame = Frame(message.arbitration_id, data, message.is_remote_frame)
                 yield Stamped(frame, message.timestamp), where
+            if lines is not None and lines.cut:
+                found.cut = "line"
             times.check()
     except RecordingError:
         raise
     except _BROKEN as error:
+        if heard and found.cut and isinstance(error, struct.error):
+            times.check()
+            return  # The head of the last block is cut.
+        if heard and lines is not None:
+            raise RecordingError(f"{path}, line {lines.number}: no frame that python-can can read: {error}") from error
         hint = "; make it with `candump -l` or -L" if path.suffix == ".log" else ""
         raise RecordingError(f"{path} is no bus log that python-can can read: {error}{hint}") from error
     except FileNotFoundError as error:
@@ -199,12 +252,15 @@ def samples_of_log(
     """
     found = found if found is not None else Found()
     heard = Samples(codec, settings, found, side)
-    for (frame, t), where in frames_of_log(path, bus):
+    for (frame, t), where in frames_of_log(path, bus, found):
         sample = heard.hear(frame, t, where)
         if sample is not None:
             yield sample
     last = heard.end()
+    if last is None and bus is not None and bus not in found.buses:
+        raise ConfigError(f"{path}: {unknown('bus', bus, sorted(found.buses))}")
     if last is None:
         but = f"; but {heard.instead} reports: correct `backend.version` or `device`" if heard.instead else ""
+        but += f": {heard.disorder}" if heard.disorder else ""
         raise RecordingError(f"{path} holds no whole {codec.version} hand in {found.frames} frames{but}")
     yield last

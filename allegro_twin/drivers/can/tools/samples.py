@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from allegro_twin.drivers.can.codec import messages as m
-from allegro_twin.drivers.can.codec.codec import Codec
+from allegro_twin.drivers.can.codec.codec import FINGERS, Codec
 from allegro_twin.drivers.can.codec.detect import contradiction, reporting
 from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.messages import Four
@@ -20,6 +20,7 @@ from allegro_twin.drivers.can.driver.startup import mismatch
 from allegro_twin.errors import ConfigError
 from allegro_twin.types import HandState, Sample, TorqueCommand, frozen
 
+_REPORTS = 8 * len(FINGERS)  # The newest, by which order and doubles are told.
 _ENOUGH = 50  # Intervals without a loss from which a hand's period is clear.
 
 
@@ -36,6 +37,10 @@ class Found:
     malformed: int = 0
     uncommanded: int = 0
     """States before the first torques: their torque is NaN, and their command zero, for a command cannot be NaN."""
+    buses: set[str] = field(default_factory=set)
+    """Names of those with a frame."""
+    cut: str = ""
+    """What the end of a log is cut in: a `line`, which is left out, or a `block`; empty: neither."""
 
     def summary(self) -> str:
         """What is not as it should be, in words."""
@@ -45,7 +50,8 @@ class Found:
             "malformed frames": self.malformed,
             "rows before the first torque frame, whose command is written as 0": self.uncommanded,
         }
-        return ", ".join(f"{count} {what}" for what, count in parts.items() if count)
+        said = [f"{count} {what}" for what, count in parts.items() if count]
+        return ", ".join([*said, *([f"a last {self.cut} that is cut"] if self.cut else [])])
 
 
 class Samples:
@@ -64,6 +70,7 @@ class Samples:
         self._state: HandState | None = None
         self._sent: dict[int, Four] = {}
         self._before, self._intervals = math.nan, deque[float](maxlen=_ENOUGH)
+        self._reported = deque[int](maxlen=_REPORTS)
 
     def hear(self, frame: Frame, t: float, bus: str = "") -> Sample | None:
         """One frame at `t` s; the sample that it completes. Raises ConfigError when it cannot be this config's."""
@@ -71,6 +78,7 @@ class Samples:
         reports = frame.id in self._codec.positions.fingers and not frame.remote
         if reports:
             self._stay(bus)
+            self._reported.append(self._codec.positions.fingers[frame.id])
         if reports or frame.id in self._codec.torques.fingers:
             self._settle()
         message = self._interpreter.hear(frame, t)
@@ -98,6 +106,20 @@ class Samples:
     def instead(self) -> str:
         """Which other hands report, in words."""
         return reporting(self._interpreter.others)
+
+    @property
+    def disorder(self) -> str:
+        """Why the reports of this hand make no whole one, in words; empty where their order does not show it."""
+        fingers, n = list(self._reported), len(FINGERS)
+        if len(fingers) < _REPORTS:
+            return ""
+        if any(fingers[k:-1:2] == fingers[k + 1 :: 2] for k in (0, 1)):
+            return "each report is there twice: keep one of the two"
+        if fingers[n:] != fingers[:-n] or len(set(fingers[:n])) < n:
+            return ""
+        first = fingers.index(0)
+        names = ", ".join(FINGERS[finger] for finger in fingers[first : first + n])
+        return f"fingers report in the order {names}; a hand's is {', '.join(FINGERS)}"
 
     def _stay(self, bus: str) -> None:
         if bus != (self._bus or bus):

@@ -261,6 +261,32 @@ def test_of_a_log_of_two_buses_one_must_be_named(tmp_path: Path) -> None:
     assert only.state.position[0] == pytest.approx(0.9, abs=1e-4)
 
 
+def test_a_bus_that_a_log_has_not_is_refused_with_those_that_it_has(tmp_path: Path) -> None:
+    path = candump(tmp_path / "c.log", *reports(0.0), *reports(0.001, "can1", 0.9))
+    with pytest.raises(ConfigError, match=r"c.log: no bus named 'vcan'; did you mean 'can1' or 'can0'\?$"):
+        list(samples_of_log(path, V4, CanHostSettings(), bus="vcan"))
+    with pytest.raises(RecordingError, match=r"no whole v4 hand in 3 frames$"):
+        list(samples_of_log(candump(path, *reports(0.0)[:3]), V4, CanHostSettings(), bus="can0"))
+
+
+@pytest.mark.parametrize(
+    ("order", "said"),
+    [
+        ((0, 0, 1, 1, 2, 2, 3, 3), "each report is there twice: keep one of the two"),
+        (
+            (1, 0, 2, 3),
+            "fingers report in the order index, ring, thumb, middle; a hand's is index, middle, ring, thumb",
+        ),
+    ],
+)
+def test_a_log_whose_reports_are_double_or_in_another_order_says_so(
+    order: tuple[int, ...], said: str, tmp_path: Path
+) -> None:
+    frames = [(0.003 * k + 1e-4 * n, *reports(0.0)[j][1:]) for k in range(10) for n, j in enumerate(order)]
+    with pytest.raises(RecordingError, match=f"no whole v4 hand in {10 * len(order)} frames: {said}$"):
+        list(samples_of_log(candump(tmp_path / "c.log", *frames), V4, CanHostSettings()))
+
+
 def test_a_log_of_another_hand_says_whose_it_is(tmp_path: Path) -> None:
     path = candump(tmp_path / "c.log", *reports(0.0))
     with pytest.raises(RecordingError, match="no whole v2 hand in 4 frames; but a v4, v5 or v5plus hand reports"):
@@ -293,6 +319,49 @@ def test_what_is_no_log_is_one_error(name: str, content: str | None, message: st
         (tmp_path / name).write_text(content)
     with pytest.raises(RecordingError, match=message):
         list(samples_of_log(tmp_path / name, V4, CanHostSettings()))
+
+
+@pytest.mark.parametrize("suffix", [".log", ".asc"])
+def test_a_text_log_that_is_cut_inside_a_line_has_the_frames_before_and_a_note(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"bus{suffix}"
+    log = WireLog(path)
+    for t, _, message in [one for k in range(3) for one in reports(0.003 * k)]:
+        assert not isinstance(message, Frame)
+        said = V4.encode(message)
+        log(can.Message(timestamp=1e9 + t, arbitration_id=said.id, data=said.data, is_extended_id=False))
+    log.close()
+    *lines, last = [line for line in path.read_bytes().splitlines(keepends=True) if not line.startswith(b"End")]
+    for size in range(len(last)):
+        path.write_bytes(b"".join(lines) + last[:size])
+        found = Found()
+        assert len(list(samples_of_log(path, V4, CanHostSettings(), found))) == 2
+        assert found.frames == 11
+        assert found.summary().endswith("a last line that is cut") == (size > 0)
+
+
+def test_a_blf_that_is_cut_inside_a_block_has_the_frames_before_and_a_note(tmp_path: Path) -> None:
+    path = tmp_path / "bus.blf"
+    log = WireLog(path)
+    for k in range(300):
+        log(can.Message(timestamp=1e9 + k, arbitration_id=0x80, data=k.to_bytes(8, "little"), is_extended_id=False))
+    log.close()
+    content, frames = path.read_bytes(), list(frames_of_log(path))
+    block = content.rindex(b"LOBJ")
+    for size in [*range(block, len(content) - 3), len(content)]:  # The last object may lack its padding.
+        path.write_bytes(content[:size])
+        found = Found()
+        left = list(frames_of_log(path, found=found))
+        assert left == frames[: len(left)]
+        assert len(left) > 200
+        assert (found.cut == "block") == (block < size < len(content)), size
+
+
+def test_a_broken_line_inside_a_log_is_refused_with_its_number(tmp_path: Path) -> None:
+    path = candump(tmp_path / "c.log", *reports(0.0), *reports(0.003))
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join([*lines[:5], lines[5][:20] + "\n", *lines[6:]]))
+    with pytest.raises(RecordingError, match=r"c.log, line 6: no frame that python-can can read"):
+        list(samples_of_log(path, V4, CanHostSettings()))
 
 
 def test_a_log_that_cannot_become_a_recording_leaves_none(tmp_path: Path) -> None:
