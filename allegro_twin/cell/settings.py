@@ -10,7 +10,7 @@ from allegro_twin.cell.arm.contact_reflex import CollisionSettings
 from allegro_twin.cell.camera.mount import CameraMount
 from allegro_twin.cell.camera.settings import DepthCameraSettings
 from allegro_twin.cell.perception.settings import PerceptionSettings
-from allegro_twin.files.schema import Positive, Seed, Settings, Vector3
+from allegro_twin.files.schema import Positive, Seed, Settings, Vector3, at_most
 from allegro_twin.grasping.scenario import ScenarioObject, check_object_names
 from allegro_twin.grasping.uncertainty import Uncertainty
 from allegro_twin.sim.model.arm_with_hand import CAMERA
@@ -23,23 +23,23 @@ class ArmSettings(Settings):
     """The arm and how it moves."""
 
     model: str
-    stiffness: Positive = 1000.0
+    stiffness: Annotated[Positive, at_most(1e5, "N/m")] = 1000.0
     """Translational stiffness of the Cartesian spring, N/m."""
-    angular_stiffness: Positive = 50.0
+    angular_stiffness: Annotated[Positive, at_most(1e4, "N·m/rad")] = 50.0
     """Rotational stiffness of the Cartesian spring, N·m/rad."""
-    speed: Positive = 0.4
+    speed: Annotated[Positive, at_most(5, "m/s")] = 0.4
     """Speed limit of the set-point, m/s."""
-    turning: Positive = 1.6
+    turning: Annotated[Positive, at_most(10, "rad/s")] = 1.6
     """Speed limit of the set-point's rotation, rad/s."""
-    approach: Positive = 1.2
+    approach: Annotated[Positive, at_most(120, "s")] = 1.2
     """Duration of the approach, s: as in conf/protocols/table_pick.yaml, by which the grasps were found."""
-    lift: Positive = 1.0
+    lift: Annotated[Positive, at_most(120, "s")] = 1.0
     """Duration of the lift, s: as in conf/protocols/table_pick.yaml."""
-    joint_speed: Positive = 1.5
+    joint_speed: Annotated[Positive, at_most(10, "rad/s")] = 1.5
     """Peak speed of the fastest joint on far paths, rad/s."""
     collision: CollisionSettings | None = CollisionSettings()
     """Thresholds beyond which the arm stops; None: it never does."""
-    period: Positive = 0.003
+    period: Annotated[Positive, at_most(0.1, "s")] = 0.003
     """Control period, s; the impedance is as stable as at 1 ms (docs/explanation/arm_control.md)."""
 
 
@@ -68,20 +68,23 @@ class TableObjectSettings(ScenarioObject):
     """Object on the table: from the catalogue by name, or given here as in a scenario, a mesh for instance."""
 
 
+TimeLimit = Annotated[Positive, at_most(600, "s")]
+
+
 class TimeoutSettings(Settings):
     """Time limits of the states, s."""
 
-    security: Positive = 6.0
-    look: Positive = 1.0
-    target: Positive = 9.0
-    approach: Positive = 4.0
-    close: Positive = 6.0
-    lift: Positive = 4.0
-    check: Positive = 6.0
-    retreat: Positive = 3.0
-    release: Positive = 12.0
+    security: TimeLimit = 6.0
+    look: TimeLimit = 1.0
+    target: TimeLimit = 9.0
+    approach: TimeLimit = 4.0
+    close: TimeLimit = 6.0
+    lift: TimeLimit = 4.0
+    check: TimeLimit = 6.0
+    retreat: TimeLimit = 3.0
+    release: TimeLimit = 12.0
     """Time limit of the motion to the tray, s."""
-    open: Positive = 4.0
+    open: TimeLimit = 4.0
     """Time limit of the release, s."""
 
 
@@ -94,9 +97,9 @@ class DecideSettings(Settings):
     """Decisions a second with `by: clock`, Hz."""
     retries: Annotated[int, Field(ge=0)] = 1
     """Number of further tries after a miss."""
-    near: Positive = 0.006
+    near: Annotated[Positive, at_most(0.1, "m")] = 0.006
     """Distance within which the arm has arrived, m."""
-    turned: Positive = 0.06
+    turned: Annotated[Positive, at_most(1.57, "rad")] = 0.06
     """Angle within which the arm has arrived, rad."""
 
 
@@ -117,13 +120,13 @@ class GraspCheckSettings(Settings):
     `samples` detect it (docs/explanation/cell.md)."""
     noise: NotNegative = 1.3
     """Standard deviation of each sample of the simulated sensor, N: the report's 400 g are three of it."""
-    torque: Positive = 0.1
+    torque: Annotated[Positive, at_most(10, "N·m")] = 0.1
     """Torque above which something is between the fingers, N·m: the sum of the torques that stop them, or that keep
     them from their positions around nothing."""
-    most: Positive = 1.7
+    most: Annotated[Positive, at_most(50, "kg")] = 1.7
     """Largest weight that can hang on the hand, kg, above `least`. A Franka arm carries 3 kg; the hand is 1.3 of
     them."""
-    drift: Positive = 0.5
+    drift: Annotated[Positive, at_most(50, "N")] = 0.5
     """Largest change of the force sensor's zero between two rests, beyond its noise, before it is doubted, N."""
 
     @model_validator(mode="after")
@@ -172,9 +175,9 @@ class TraySettings(Settings):
     """Middle of the tray in the world, m."""
     size: tuple[Positive, Positive] = (0.26, 0.26)
     """Outer edges along x and y, m."""
-    height: Positive = 0.04
+    height: Annotated[Positive, at_most(2, "m")] = 0.04
     """Height of its walls, m."""
-    above: Positive = 0.04
+    above: Annotated[Positive, at_most(2, "m")] = 0.04
     """Height of an object's lowest point above the walls when it is let go, m."""
     objects: Annotated[int, Field(ge=1)] = 12
     """Largest number of objects that are put away."""
@@ -186,7 +189,7 @@ class RemoteControlSettings(Settings):
     lower: Vector3 = (-0.35, -0.4, 0.03)
     """Lower corner of the box along the world's axes in which the palm may be, m."""
     upper: Vector3 = (0.3, 0.4, 0.6)
-    clearance: NotNegative = 0.015
+    clearance: Annotated[NotNegative, at_most(2, "m")] = 0.015
     """Least height of palm, links and fingertips above the table, m."""
 
 
@@ -227,7 +230,7 @@ class LabSettings(Settings):
     friction: Annotated[float, Field(gt=0, le=1.0)] = 0.8
     """Friction of every contact."""
     security: SecuritySettings = SecuritySettings()
-    lift: Annotated[float, Field(ge=0.08)] = 0.15
+    lift: Annotated[float, Field(ge=0.08), at_most(2, "m")] = 0.15
     """Height of the lift, m; an object 5 cm higher counts as lifted, and 3 cm are left for sagging and slipping."""
     timeouts: TimeoutSettings = TimeoutSettings()
     decide: DecideSettings = DecideSettings()

@@ -47,6 +47,25 @@ def check_gravity(vector: Vector3) -> Vector3:
 
 Gravity = Annotated[Vector3, AfterValidator(check_gravity)]
 """m/s²."""
+_OTHER_UNIT = {
+    "m": "in mm, divide it by 1000", "m/s": "in mm/s, divide it by 1000", "s": "in ms, divide it by 1000",
+    "kg": "in g, divide it by 1000", "N·m": "in mN·m, divide it by 1000", "rad": "in degrees, divide it by 57.3",
+    "rad/s": "in degrees/s, divide it by 57.3",
+}  # fmt: skip
+
+
+def at_most(most: float, unit: str) -> AfterValidator:
+    """Bound of a number in a unit that is beyond all use, so that a larger number has another unit."""
+
+    def check(value: float) -> float:
+        if value > most:
+            other = f" (if it is {_OTHER_UNIT[unit]})" if unit in _OTHER_UNIT else ""
+            raise ValueError(f"it is in {unit}, here at most {most:g}{other}")
+        return value
+
+    return AfterValidator(check)
+
+
 Probability = Annotated[float, Field(ge=0, le=1)]
 
 

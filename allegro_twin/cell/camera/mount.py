@@ -81,10 +81,15 @@ class CameraMount(Settings):
 def looking(position: ArrayLike, towards: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> CameraPose:
     """A camera at a place (3,) that looks at a point (3,), m, with `up` (3,) up in its picture.
 
-    Raises ConfigError where it would look along `up`.
+    Raises ConfigError where it would look along `up`, or at where it is itself.
     """
     place, way = np.asarray(position, dtype=np.float64), np.asarray(towards, dtype=np.float64)
     ahead = way - place
+    if not ahead.any():
+        raise ConfigError(
+            f"camera at {place.tolist()}: `towards` is the same point, which says no direction; "
+            "give one that differs from `position`"
+        )
     right = np.cross(ahead, np.asarray(up, dtype=np.float64))
     if not np.linalg.norm(right) > 1e-6 * np.linalg.norm(ahead):
         raise ConfigError(f"camera at {place.tolist()}: it looks at {way.tolist()}, along its `up`; give another `up`")

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, TypeAlias
 
-from pydantic import Field
+from pydantic import AfterValidator, Field, model_validator
 
 from allegro_twin.cell.camera.intrinsics import D435I_BASELINE, D435I_DEPTH, Intrinsics
 from allegro_twin.cell.camera.mount import CameraMount
 from allegro_twin.drivers.realsense import RealSenseSource
-from allegro_twin.files.schema import Settings
+from allegro_twin.files.schema import Settings, at_most
 
 NotNegative = Annotated[float, Field(ge=0)]
 Part = Annotated[float, Field(ge=0, le=1)]
+
+_NEAREST = 0.08  # m. f·B/126 of the smallest picture: a D435i knows nothing nearer (realsense-ros #2367).
+
+
+def _beyond_the_nearest(furthest: float) -> float:
+    if furthest < _NEAREST:
+        raise ValueError(f"it is in m, and nothing nearer than {_NEAREST:g} is known: here at least that")
+    return furthest
 
 
 class DepthNoise(Settings):
@@ -24,7 +32,7 @@ class DepthNoise(Settings):
     """Edge of the squares over which it is smeared, pixels: neighbours share their matching windows (estimated)."""
     subpixel: Annotated[int, Field(ge=0)] = 32
     """Steps of a pixel in which disparity is given; 0: any. (D400: 1/32.)"""
-    unit: NotNegative = 0.001
+    unit: Annotated[NotNegative, at_most(0.1, "m")] = 0.001
     """Step in which depth is given, m; 0: any. (D400's default depth unit.)"""
     shadow: bool = True
     """Whether places that the right imager does not see are unknown: beside objects, and in a band at the picture's
@@ -34,6 +42,15 @@ class DepthNoise(Settings):
     grazing: tuple[float, float] = (75.0, 85.0)
     """Angles between the ray and the surface's normal, degrees: fewer and fewer pixels from the first, none beyond the
     second (estimated)."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> DepthNoise:
+        first, last = self.grazing
+        if not 0.0 <= first < last <= 90.0:
+            raise ValueError(
+                f"grazing [{first:g}, {last:g}]: give two angles from 0 to 90 degrees, the greater one last"
+            )
+        return self
 
 
 class SimulatedSource(Settings):
@@ -67,11 +84,11 @@ class DepthCameraSettings(Settings):
     mount: CameraMount
     rate: Literal[6, 15, 30, 60, 90] = 30
     """Pictures a second."""
-    latency: NotNegative = 0.065
+    latency: Annotated[NotNegative, at_most(10, "s")] = 0.065
     """Time from a picture's exposure until the program has it, s (librealsense #1242: 60 to 70 ms for depth)."""
     colour: bool = False
     """Take a colour picture with each."""
-    furthest: Annotated[float, Field(gt=0)] = 10.0
+    furthest: Annotated[float, AfterValidator(_beyond_the_nearest), at_most(100, "m")] = 10.0
     """Largest known depth, m (datasheet: about 10 m)."""
     noise: DepthNoise = DepthNoise()
     source: Annotated[Source, Field(discriminator="kind")] = SimulatedSource()

@@ -177,8 +177,8 @@ def find_objects(
     above[above] = view.not_robot(world[above])
     pixels = np.stack(np.divmod(inside[above], thin.shape[1]))
     found = _gathered(pixels, world[above], axes, _cell(view, depths[above], plane, settings), settings)
-    if isinstance(found, PerceptionRefusal):
-        return [found]
+    if found is None:
+        return [_nothing(_SCATTER * depth_scatter(view, settings) * float(depths.max()) ** 2, settings)]
     clear = [_cut_off(one, thin.shape, settings) or _closely(view, one, plane, axes, settings) for one in found.large]
     return [*clear, *found.small]
 
@@ -262,21 +262,32 @@ def _cell(view: OrganizedCloud, depths: Points, plane: TablePlane, settings: Per
 
 def _gathered(
     pixels: NDArray[np.int_], points: Points, axes: Array, cell: float, settings: PerceptionSettings
-) -> _Gathered | PerceptionRefusal:
-    nothing = f"nothing stands on the table that is higher than {settings.object.above} m and seen"
+) -> _Gathered | None:
+    """None: no points, or nothing but specks."""
     if len(points) == 0:
-        return PerceptionRefusal("no_object", f"{nothing}; put a thing into the region")
+        return None
     places = points @ axes[:2].T.astype(points.dtype)
     grid, sizes = find_clusters(places, cell)
     order = np.argsort(-sizes, kind="stable")
     seen = int(np.count_nonzero(sizes >= SPECK))
     if not seen:
-        return PerceptionRefusal("no_object", f"{nothing}; put a thing into the region")
+        return None
     enough = int(np.count_nonzero(sizes >= settings.object.least))
     labels = grid.of(places)
     large = [_Found(pixels, points, grid, int(label), labels == label, enough - 1) for label in order[:enough] + 1]
     small = [_too_small(points[labels == label], settings) for label in order[enough:seen] + 1]
     return _Gathered(large, small)
+
+
+def _nothing(noise: float, settings: PerceptionSettings) -> PerceptionRefusal:
+    """`noise`: height, m, up to which points may be noise where the region is furthest."""
+    above = settings.object.above
+    said = f"nothing stands on the table that is higher than {max(above, noise):.2g} m and seen"
+    fix = "put a thing into the region"
+    if noise > above:
+        said += f": `perception.disparity` is {settings.disparity:g}, and lower points may be noise"
+        fix += ", or set `perception.disparity` to what the camera has"
+    return PerceptionRefusal("no_object", f"{said}; {fix}")
 
 
 def _too_small(points: Points, settings: PerceptionSettings) -> PerceptionRefusal:

@@ -113,6 +113,7 @@ def test_a_camera_may_stand_on_a_site_and_be_given_as_calibrations_give_it() -> 
         ({"body": "wrist", "site": "eye", "position": (0, 0, 0), "towards": (0, 1, 1)}, "not on both"),
         ({"position": (0, 0, 0)}, "either a quaternion or a point"),
         ({"position": (0, 0, 1), "towards": (0, 0, 0)}, "give another `up`"),
+        ({"position": (0, 0, 0.6), "towards": (0, 0, 0.6)}, "give one that differs from `position`"),
     ],
 )
 def test_a_mount_that_cannot_be_is_one_line(mount: dict[str, object], says: str) -> None:

@@ -160,6 +160,17 @@ def test_an_empty_table_and_an_empty_cloud_say_so() -> None:
     assert "0 of " in said(PerceptionPipeline(SETTINGS).detect(nothing, np.zeros(3), np.eye(3)), "empty")
 
 
+def test_what_is_not_seen_below_the_noise_is_told_with_the_height_that_noise_asks_for() -> None:
+    noisy = SETTINGS.model_copy(update={"disparity": 2.0})
+    sentence = said(look(picture(put("apple")), noisy), "no_object")
+    asked = re.search(r"higher than (\S+) m and seen: `perception.disparity` is 2, ", sentence)
+    assert asked is not None, sentence
+    assert float(asked[1]) > 0.07, "The apple is 7 cm high."
+    assert sentence.endswith("or set `perception.disparity` to what the camera has")
+    exact = SETTINGS.model_copy(update={"disparity": 0.0})
+    assert "higher than 0.006 m and seen; " in said(look(picture(), exact), "no_object")
+
+
 def test_what_is_seen_by_too_few_points_is_named_with_its_place_and_is_not_nothing() -> None:
     cube = place_standing(GraspObject("cube", "box", (0.016, 0.016, 0.016), 0.01), "z", 0.0, 0.1, 0.1)
     frame = picture(put("mug", x=0.0, y=-0.05), cube)
