@@ -251,6 +251,20 @@ class LabSettings(Settings):
         check_object_names(self.objects)
         return self
 
+    @model_validator(mode="after")
+    def _in_time(self) -> LabSettings:
+        sampled = self.validation.samples * self.arm.period
+        for limit, least, by in (
+            ("target", sampled, "validation.samples x arm.period"),
+            ("check", sampled, "validation.samples x arm.period"),
+            ("approach", self.arm.approach, "arm.approach"),
+            ("lift", self.arm.lift, "arm.lift"),
+        ):
+            given = float(getattr(self.timeouts, limit))
+            if given < least:
+                raise ValueError(f"timeouts.{limit} {given:g} s is less than {by} {least:g} s, so it always runs out")
+        return self
+
     @property
     def at_the_wrist(self) -> bool:
         """Whether the camera moves with the arm."""

@@ -265,5 +265,5 @@ def ended(now: MachineState, t: float, end: CellOutcome) -> MachineState:
 
 
 def _stuck(now: MachineState, rules: StateRules) -> CellOutcome:
-    said = f"{now.state} was not over after {rules.timeouts[now.state]:g} s; see what is in the way"
+    said = f"{now.state} was not over after its {rules.timeouts[now.state]:g} s of `timeouts`; see what is in the way"
     return CellOutcome("fault", f"timeout in {now.state}", said)

@@ -54,3 +54,15 @@ def test_grazing_angles_that_are_no_range_are_refused(angles: list[float]) -> No
     with pytest.raises(ConfigError, match=r"camera\.noise: grazing \[.*give two angles from 0 to 90 degrees"):
         parsed("camera.noise.grazing", angles)
     assert parsed("camera.noise.grazing", [0, 90]).camera.noise.grazing == (0.0, 90.0)
+
+
+@pytest.mark.parametrize(("key", "value", "limit", "by"), [
+    ("validation.samples", 4000, "target", "validation.samples x arm.period 12 s"),
+    ("timeouts.check", 0.2, "check", "validation.samples x arm.period 0.3 s"),
+    ("arm.approach", 5.0, "approach", "arm.approach 5 s"), ("timeouts.lift", 0.9, "lift", "arm.lift 1 s"),
+])  # fmt: skip
+def test_a_time_limit_that_always_runs_out_is_refused_with_both_keys(
+    key: str, value: float, limit: str, by: str
+) -> None:
+    with pytest.raises(ConfigError, match=rf"timeouts\.{limit} .* s is less than {by}, so it always runs out"):
+        parsed(key, value)

@@ -96,9 +96,9 @@ def positive(param: typer.CallbackParam, value: float | None) -> float | None:
     return value
 
 
-def port(param: typer.CallbackParam, value: int) -> int:
+def port(param: typer.CallbackParam, value: int | None) -> int | None:
     """Callback for a TCP port, 1 to 65535. Raises ConfigError."""
-    if not 1 <= value <= 65535:
+    if value is not None and not 1 <= value <= 65535:
         raise ConfigError(f"{option(param)} must be a TCP port, 1 to 65535, not {value}")
     return value
 

@@ -113,6 +113,12 @@ def test_every_word_that_a_run_can_end_with_has_a_code() -> None:
     assert [word for word, code in lab._CODES.items() if code == 0] == ["held", "cleared"]
 
 
+@pytest.mark.parametrize(("given", "other"), [(("--namespace", "/left"), "--ros"), (("--port", "9000"), "--panel")])
+def test_an_option_of_a_way_in_that_is_not_opened_is_refused(given: tuple[str, str], other: str, command: Run) -> None:
+    code, _, errors = command(*CONFIG, *given)
+    assert (code, errors) == (2, f"allegro-twin: {given[0]} is of {other}: say {other} as well\n")
+
+
 def test_what_is_wrong_before_anything_moves_ends_with_2(command: Run) -> None:
     assert command(*CONFIG, "--object", "no_such_thing")[0] == 2
     assert command("lab", "conf/no_such_cell.yaml")[0] == 2

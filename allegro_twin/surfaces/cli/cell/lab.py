@@ -66,12 +66,14 @@ def lab(
     ] = False,
     web: Annotated[bool, typer.Option(help="Watch live in the browser.", rich_help_panel=options.OUTPUT)] = False,
     ros: Annotated[bool, typer.Option("--ros", help="Serve the cell on ROS 2, on this machine only.")] = False,
-    namespace: Annotated[str, typer.Option(help="Namespace of the topics of --ros.")] = "/",
+    namespace: Annotated[str | None, typer.Option(help="Namespace of the topics of --ros; / where not given.")] = None,
     follow: Annotated[
         bool, typer.Option("--follow", help="Do not pick; follow the marker of --panel, or target_frame of --ros.")
     ] = False,
     panel: Annotated[bool, typer.Option("--panel", help="Control the palm by a marker in the browser.")] = False,
-    port: Annotated[int, typer.Option(help="TCP port of the page of --panel.", callback=options.port)] = 8080,
+    port: Annotated[
+        int | None, typer.Option(help="TCP port of the page of --panel; 8080 where not given.", callback=options.port)
+    ] = None,
 ) -> None:
     """Pick an object with arm, hand and camera in simulation."""
     from allegro_twin.cell.assembly import make_cell
@@ -95,6 +97,10 @@ def lab(
     )
     if follow and not (ros or panel):
         raise ConfigError("--follow needs somebody who leads: say --panel, or --ros")
+    if namespace is not None and not ros:
+        raise ConfigError("--namespace is of --ros: say --ros as well")
+    if port is not None and not panel:
+        raise ConfigError("--port is of --panel: say --panel as well")
     if (follow or panel) and (film is not None or clear):
         raise ConfigError(
             f"{'--clear' if clear else '--film'} is of a cell that picks by itself, and with "
@@ -111,9 +117,9 @@ def lab(
                 observers.append(_viewer(cell, stack, web=web))
             remote = RemoteControl(cell) if follow or panel else None
             if ros:
-                observers.append(_open_bridge(cell, remote, namespace, stack))
+                observers.append(_open_bridge(cell, remote, namespace or "/", stack))
             if remote is not None:
-                _follow(remote, (observers, lens), port if panel else 0, stack)
+                _follow(remote, (observers, lens), (port or 8080) if panel else 0, stack)
                 return
             live = view or web or ros or settings.camera.source.kind == "realsense"
             looking = Observers(cell, observers, lens)
