@@ -84,10 +84,18 @@ class EndOfRecording(HandError):
     """Nothing to fix: the recording has no further row."""
 
 
+_MANY, _SOME = 40, 8
+"""Names up to which all are listed, and of how many where there are more."""
+
+
 def unknown(kind: str, name: str, known: Iterable[str]) -> str:
-    """The message for a name that does not exist: what was asked for, the nearest names, all of them when few."""
+    """The message for a name that does not exist: what was asked for, the nearest names, all of them when few, else
+    those that are least unlike it."""
     names = sorted(known)
     near = get_close_matches(name, names, n=3, cutoff=0.5)
     if near:
         return f"no {kind} named {name!r}; did you mean {' or '.join(map(repr, near))}?"
+    if len(names) > _MANY:
+        nearest = get_close_matches(name, names, n=_SOME, cutoff=0.0)
+        return f"no {kind} named {name!r}; there are {len(names)}, among them {', '.join(nearest)}"
     return f"no {kind} named {name!r}; there are: {', '.join(names) or 'none'}"

@@ -15,10 +15,12 @@ from allegro_twin.files.assets import find_file, read_yaml
 from allegro_twin.files.schema import Gravity, Positive, Settings, Vector3, load_settings, parse_settings
 from allegro_twin.grasping.interchange.grasps import FARTHEST
 from allegro_twin.hands.library.entries import HAND
+from allegro_twin.hands.library.grasps import Grasp
+from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.hands.settings import with_card_side
 from allegro_twin.kinematics.orientation import matrix_facing
 from allegro_twin.sim.model.physics import Cone, Integrator, Physics, Solver
-from allegro_twin.spec import Side
+from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Vector
 
 
@@ -310,6 +312,7 @@ class Scenario(Settings):
     which the left performs the mirror image."""
     wrist: Wrist
     protocol: str = "table_pick"
+    """Name of a protocol in conf/protocols, or a file; one beside the scenario is the scenario's own."""
 
     @model_validator(mode="before")
     @classmethod
@@ -341,13 +344,32 @@ def load_scenario(name: str | Path) -> tuple[Scenario, Path]:
     content = read_yaml(path)
     named = {key: value for key in ("grasp", "hand") if isinstance(value := content.get(key), str)}
     own = {key: str(path.parent / value) for key, value in named.items() if value.endswith(".yaml")}
+    protocol = content.get("protocol")
+    if isinstance(protocol, str) and (path.parent / protocol).is_file():
+        own["protocol"] = str(path.parent / protocol)
     scenario = parse_settings(Scenario, content | own, str(path))
+    for index, each in enumerate(scenario.objects):
+        if each.file is not None and not (path.parent / each.file).is_file():
+            raise ConfigError(f"{path}: objects.{index}.file: no file at {path.parent / each.file}")
+    try:
+        find_file(scenario.protocol, "protocol", "conf/protocols")
+    except ConfigError as error:
+        raise ConfigError(f"{path}: protocol: {error}") from error
     try:
         for wrist in (scenario.wrist, *(() if scenario.push is None else (scenario.push.wrist,))):
             matrix_facing(wrist.facing, wrist.fingers)
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
     return scenario, path
+
+
+def scenario_grasp(scenario: Scenario, path: Path, spec: HandSpec, other: str | None = None) -> Grasp:
+    """The grasp that the scenario in a file names, or another one, for the spec's side. Raises ConfigError; with the
+    file where that names it."""
+    try:
+        return load_grasp(other or scenario.grasp, spec)
+    except ConfigError as error:
+        raise error if other else ConfigError(f"{path}: grasp: {error}") from error
 
 
 def turn_pushes(protocol: TrialProtocol, axis: int, sign: float) -> TrialProtocol:

@@ -17,6 +17,7 @@ from allegro_twin.grasping.scenario import (
     TrialProtocol,
     load_protocol,
     load_scenario,
+    scenario_grasp,
     skew_warning,
     with_object,
 )
@@ -24,7 +25,6 @@ from allegro_twin.grasping.timeline import first_posture, make_stage, make_timel
 from allegro_twin.grasping.uncertainty import Perturbation
 from allegro_twin.grasping.verdict import FULL, Observations, PhaseWindow, Rule, TrialReport, judge
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.hands.library.taxonomy import ObservedType
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.contact.contact_surfaces import SURFACES, BodyPlaces, SurfaceForces, SurfaceProbe, box_edges
@@ -305,5 +305,5 @@ def make_trial(
         raise ConfigError(f"{path} is for the hand {settings.model}; this one is {spec.model}: name another grasp, too")
     if object_name is not None:
         settings = with_object(settings, object_name)
-    chosen = load_grasp(grasp or settings.grasp, spec)
+    chosen = scenario_grasp(settings, path, spec, grasp)
     return Trial(settings, spec, chosen, folder=path.parent, period=period, start=start)

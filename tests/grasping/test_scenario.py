@@ -47,7 +47,11 @@ def fails(tmp_path: Path, text: str) -> str:
         (("[0, 0, 0.1]", "[0, 0]"), "it.yaml: wrist.position.2: missing"),
         (("[0, 0, 0.1]", "high"), "it.yaml: wrist.position: input should be a valid tuple, not 'high'"),
         (("0.1]", ".nan]"), "it.yaml: wrist.position.2: input should be a finite number, not nan"),
-        (("grasp: quadpod", "grasp: quadpot"), "no grasp named 'quadpot'; did you mean 'quadpod'"),
+        (("grasp: quadpod", "grasp: quadpot"), "it.yaml: grasp: no grasp named 'quadpot'; did you mean 'quadpod'"),
+        (
+            ("{name: rubiks_cube}", "{name: thing, shape: mesh, file: gone.stl}"),
+            "it.yaml: objects.0.file: no file at ",
+        ),
         (
             ("rubiks_cube", "rubik_cube"),
             "it.yaml: objects.0: no object named 'rubik_cube'; did you mean 'rubiks_cube'",
@@ -58,7 +62,7 @@ def fails(tmp_path: Path, text: str) -> str:
         ),
         (
             ("grasp: quadpod", "grasp: quadpod\nprotocol: table_pik"),
-            "no protocol named 'table_pik'; did you mean 'table_pick'",
+            "it.yaml: protocol: no protocol named 'table_pik'; did you mean 'table_pick'",
         ),
         (("name: rubiks_cube", "name: rubiks_cube, up: w"), "it.yaml: objects.0.up: input should be 'x', 'y' or 'z'"),
         (("grasp: quadpod", "grasp: quadpod\ngrasp: quadpod"), "it.yaml:4: not valid YAML: key 'grasp' is given twice"),
@@ -262,3 +266,11 @@ def test_two_objects_that_stand_in_each_other_are_refused_by_name(tmp_path: Path
     said = fails(tmp_path, both)
     assert "objects rubiks_cube and golf_ball stand" in said
     assert "mm in each other where the scene begins: move one of them by its `at`" in said
+
+
+def test_a_protocol_beside_a_scenario_is_the_scenarios_own_as_its_grasp_and_hand_are(tmp_path: Path) -> None:
+    protocol = (data_root() / "conf" / "protocols" / "table_pick.yaml").read_text()
+    (tmp_path / "mine.yaml").write_text(protocol.replace("version: ", "version: 7", 1))
+    (tmp_path / "it.yaml").write_text(GOOD + "protocol: mine.yaml\n")
+    scenario, _ = load_scenario(tmp_path / "it.yaml")
+    assert load_protocol(scenario.protocol).version > 7

@@ -22,6 +22,7 @@ from allegro_twin.grasping.scenario import (
     TrialProtocol,
     load_protocol,
     load_scenario,
+    scenario_grasp,
     turn_pushes,
     with_object,
 )
@@ -32,7 +33,6 @@ from allegro_twin.hands.description.specs import card_side, load_spec
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.library.gains import load_gains, protocol_gains
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.hands.limits import check_period, hand_limits
 from allegro_twin.hands.settings import LimitSettings, scenario_side
 from allegro_twin.kinematics.hand import hand_kinematics
@@ -218,7 +218,7 @@ def load_case(item: Mapping[str, Any], spec: HandSpec) -> TrialCase:
     scenario, path = load_scenario(item["scenario"])
     if item.get("object") is not None:
         scenario = with_object(scenario, item["object"])
-    grasp = load_grasp(item.get("grasp") or scenario.grasp, spec)
+    grasp = scenario_grasp(scenario, path, spec, item.get("grasp"))
     return TrialCase(scenario, grasp, draw, protocol, path.parent, item.get("protocol"))
 
 

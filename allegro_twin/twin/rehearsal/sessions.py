@@ -28,11 +28,10 @@ from allegro_twin.controller import Controller
 from allegro_twin.drivers.can.config import VIRTUAL, CanSettings
 from allegro_twin.drivers.can.opening import hidden_truth
 from allegro_twin.errors import ConfigError, LinkError, RecordingError
-from allegro_twin.grasping.scenario import load_protocol, load_scenario
+from allegro_twin.grasping.scenario import load_protocol, load_scenario, scenario_grasp
 from allegro_twin.grasping.verdict import TrialReport
 from allegro_twin.hands.description.calibration import load_wiring
 from allegro_twin.hands.description.specs import load_spec
-from allegro_twin.hands.library.library import load_grasp
 from allegro_twin.hands.settings import TaskSettings
 from allegro_twin.loop import resume, run, until
 from allegro_twin.recording.recorder import record
@@ -224,10 +223,10 @@ def close_in_air(
     advance: Advance = lambda t: None,
 ) -> Following:  # fmt: skip
     """Pre-shape and close a scenario's grasp without its object, and do not squeeze. Raises HandError."""
-    settings, _ = load_scenario(scenario)
+    settings, path = load_scenario(scenario)
 
     def closing_moves(spec: HandSpec) -> Moves:
-        grasp = load_grasp(settings.grasp, spec)
+        grasp = scenario_grasp(settings, path, spec)
         return Moves([grasp.waypoint("preshape"), grasp.waypoint("close")])
 
     pose = find_pose(pose_name, hand.config.hand.side)
