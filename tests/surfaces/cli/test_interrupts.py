@@ -16,7 +16,7 @@ from allegro_twin.cell.journal import observers
 from allegro_twin.learning import training
 from allegro_twin.learning.mpc import episodes
 from allegro_twin.learning.training import report, sweeping
-from allegro_twin.surfaces.cli.cell import lab
+from allegro_twin.surfaces.cli.cell import calibrate, lab
 from allegro_twin.surfaces.cli.grasps import improve
 from allegro_twin.surfaces.cli.twin import branch_run, identification
 from allegro_twin.surfaces.hand import Hand
@@ -52,6 +52,8 @@ def filmed(cell: Any, film: Path, stage: Any) -> Iterator[Any]:
          "IT.yaml, IT.html not written"),
         ("branch a.arrow --at 1", (branch_run, "run_branch"), "nothing is compared"),
         ("branch a.arrow --at 1 --record IT.arrow", (branch_run, "run_branch"), "IT.arrow not written"),
+        ("lab-calibrate lab_allegro", (calibrate, "_simulated"), "no mount is found"),
+        ("lab-calibrate lab_allegro --out IT", (calibrate, "_simulated"), "IT/mount.yaml not written"),
         ("improve lemon --out IT", (improve, "_load_start"),
          "0 of 3 rounds had ended; nothing is compared or written"),
     ],

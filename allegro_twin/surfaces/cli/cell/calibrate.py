@@ -47,7 +47,8 @@ def lab_calibrate(
     if pattern is not None:
         _print_pattern(pattern)
         return
-    with ExitStack() as stack:
+    mount_file = None if out is None else out / MOUNT
+    with options.interruptible(mount_file, otherwise="no mount is found"), ExitStack() as stack:
         folder = None if out is None else stack.enter_context(options.run_folder(out))
         if pictures is not None:
             mount, found = _from_folder(pictures, settings)
