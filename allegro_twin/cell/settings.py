@@ -253,10 +253,12 @@ class LabSettings(Settings):
 
     @model_validator(mode="after")
     def _in_time(self) -> LabSettings:
-        sampled = self.validation.samples * self.arm.period
+        period, force = self.arm.period, self.validation
         for limit, least, by in (
-            ("target", sampled, "validation.samples x arm.period"),
-            ("check", sampled, "validation.samples x arm.period"),
+            ("target", force.samples * period, "validation.samples x arm.period"),
+            ("target", force.tare * period, "validation.tare x arm.period, of light objects,"),
+            ("check", force.samples * period, "validation.samples x arm.period"),
+            ("check", force.long * period, "validation.long x arm.period, of light objects,"),
             ("approach", self.arm.approach, "arm.approach"),
             ("lift", self.arm.lift, "arm.lift"),
         ):

@@ -24,6 +24,7 @@ from tests.cell.test_run import SETTINGS, cell_of
 SHORT: dict[str, Any] = {
     "timeouts": dict.fromkeys(("security", "look", "target", "approach", "close", "lift", "check"), 0.3),
     "arm": SETTINGS.arm.model_dump() | {"approach": 0.3, "lift": 0.3},
+    "validation": SETTINGS.validation.model_dump() | {"tare": 100, "long": 100},
     "decide": {"by": "event", "retries": 0},
 }
 """A cell that is late everywhere."""
