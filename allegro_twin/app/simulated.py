@@ -82,10 +82,10 @@ def scenario_config(
 ) -> RunConfig:
     """The config that runs a scenario as it is, or with another grasp or object: simulated, under PD or the firmware's
     own loop, with the nominal hand, in the period and with the gains that its protocol asks for."""
-    from allegro_twin.grasping.scenario import load_protocol, load_scenario
+    from allegro_twin.grasping.scenario import load_scenario, scenario_protocol
 
     settings, path = load_scenario(scenario)
-    rules = load_protocol(settings.protocol)
+    rules = scenario_protocol(settings, path)
     hand = HandSettings.model_validate({"model": settings.hand, "side": side or settings.side})
     return RunConfig.model_validate(
         {

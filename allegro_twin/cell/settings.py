@@ -254,6 +254,7 @@ class LabSettings(Settings):
     @model_validator(mode="after")
     def _in_time(self) -> LabSettings:
         period, force = self.arm.period, self.validation
+        decision = 1.0 / self.decide.rate if self.decide.by == "clock" else period
         for limit, least, by in (
             ("target", force.samples * period, "validation.samples x arm.period"),
             ("target", force.tare * period, "validation.tare x arm.period, of light objects,"),
@@ -263,7 +264,7 @@ class LabSettings(Settings):
             ("lift", self.arm.lift, "arm.lift"),
         ):
             given = float(getattr(self.timeouts, limit))
-            if given < least:
+            if given + decision < least:  # What is late is found at the next decision.
                 raise ValueError(f"timeouts.{limit} {given:g} s is less than {by} {least:g} s, so it always runs out")
         return self
 

@@ -39,14 +39,22 @@ def refuse_shipped(path: str | Path) -> None:
         raise ConfigError(f"{path}: what ships with the package is not changed; choose a file of your own{copy}")
 
 
+def is_file(path: Path) -> bool:
+    """Whether there is such a file; False, too, for what no file system takes as a name."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
+
+
 def find_file(path: str | Path, kind: str, folder: str, suffix: str = ".yaml", *, below: bool = False) -> Path:
     """A file given by its path, or by its bare name in a shipped folder, or `below` it too. Raises ConfigError with the
     nearest names, and with what else has that name."""
     given = Path(path)
-    if given.is_file():
+    if is_file(given):
         return given
     shipped = data_root() / folder
-    if given.suffix == suffix and (data_root() / given).is_file():
+    if given.suffix == suffix and is_file(data_root() / given):
         return data_root() / given
     if len(given.parts) > 1 or given.suffix == suffix:
         raise ConfigError(f"{path}: no such {kind} file")

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.files.assets import find_file, read_yaml
+from allegro_twin.files.assets import find_file, is_file, read_yaml
 from allegro_twin.files.schema import Gravity, Positive, Settings, Vector3, load_settings, parse_settings
 from allegro_twin.grasping.interchange.grasps import FARTHEST
 from allegro_twin.hands.library.entries import HAND
@@ -345,22 +345,30 @@ def load_scenario(name: str | Path) -> tuple[Scenario, Path]:
     named = {key: value for key in ("grasp", "hand") if isinstance(value := content.get(key), str)}
     own = {key: str(path.parent / value) for key, value in named.items() if value.endswith(".yaml")}
     protocol = content.get("protocol")
-    if isinstance(protocol, str) and (path.parent / protocol).is_file():
+    if isinstance(protocol, str) and is_file(path.parent / protocol):
         own["protocol"] = str(path.parent / protocol)
     scenario = parse_settings(Scenario, content | own, str(path))
-    for index, each in enumerate(scenario.objects):
-        if each.file is not None and not (path.parent / each.file).is_file():
-            raise ConfigError(f"{path}: objects.{index}.file: no file at {path.parent / each.file}")
-    try:
-        find_file(scenario.protocol, "protocol", "conf/protocols")
-    except ConfigError as error:
-        raise ConfigError(f"{path}: protocol: {error}") from error
     try:
         for wrist in (scenario.wrist, *(() if scenario.push is None else (scenario.push.wrist,))):
             matrix_facing(wrist.facing, wrist.fingers)
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
     return scenario, path
+
+
+def scenario_protocol(scenario: Scenario, path: Path) -> TrialProtocol:
+    """The protocol that the scenario in a file names. Raises ConfigError with the file."""
+    try:
+        return load_protocol(scenario.protocol)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: protocol: {error}") from error
+
+
+def check_object_files(scenario: Scenario, path: Path) -> None:
+    """Raise ConfigError for an object of the scenario in a file whose own file is missing."""
+    for index, each in enumerate(scenario.objects):
+        if each.file is not None and not is_file(path.parent / each.file):
+            raise ConfigError(f"{path}: objects.{index}.file: no file at {path.parent / each.file}")
 
 
 def scenario_grasp(scenario: Scenario, path: Path, spec: HandSpec, other: str | None = None) -> Grasp:

@@ -15,9 +15,11 @@ from allegro_twin.grasping.grasp_type import GraspObservation, ObjectShape, Surf
 from allegro_twin.grasping.scenario import (
     Scenario,
     TrialProtocol,
+    check_object_files,
     load_protocol,
     load_scenario,
     scenario_grasp,
+    scenario_protocol,
     skew_warning,
     with_object,
 )
@@ -305,5 +307,7 @@ def make_trial(
         raise ConfigError(f"{path} is for the hand {settings.model}; this one is {spec.model}: name another grasp, too")
     if object_name is not None:
         settings = with_object(settings, object_name)
+    check_object_files(settings, path)
     chosen = scenario_grasp(settings, path, spec, grasp)
-    return Trial(settings, spec, chosen, folder=path.parent, period=period, start=start)
+    protocol = scenario_protocol(settings, path)
+    return Trial(settings, spec, chosen, folder=path.parent, period=period, start=start, protocol=protocol)

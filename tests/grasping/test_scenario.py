@@ -274,3 +274,24 @@ def test_a_protocol_beside_a_scenario_is_the_scenarios_own_as_its_grasp_and_hand
     (tmp_path / "it.yaml").write_text(GOOD + "protocol: mine.yaml\n")
     scenario, _ = load_scenario(tmp_path / "it.yaml")
     assert load_protocol(scenario.protocol).version > 7
+
+
+def test_what_is_replaced_by_another_object_or_protocol_need_not_be_there(tmp_path: Path, spec: HandSpec) -> None:
+    path = tmp_path / "it.yaml"
+    path.write_text(
+        GOOD.replace("{name: rubiks_cube}", "{name: thing, shape: mesh, file: gone.stl}") + "protocol: gone\n"
+    )
+    case = {"scenario": str(path), "object": "rubiks_cube", "protocol": "quick"}
+    assert load_case(case, spec).scenario.objects[0].name == "rubiks_cube"
+    with pytest.raises(ConfigError, match=r"it\.yaml: protocol: no protocol named 'gone'"):
+        load_case(case | {"protocol": None}, spec)
+    with pytest.raises(ConfigError, match=r"it\.yaml: objects\.0\.file: no file at"):
+        load_case(case | {"object": None}, spec)
+
+
+def test_a_name_that_no_file_can_have_is_one_that_is_missing(tmp_path: Path, spec: HandSpec) -> None:
+    long = "a" * 300
+    assert f"no protocol named '{long}'" in fails(tmp_path, GOOD + f"protocol: {long}\n")
+    assert "objects.0.file: no file at" in fails(
+        tmp_path, GOOD.replace("{name: rubiks_cube}", f"{{name: thing, shape: mesh, file: {long}}}")
+    )

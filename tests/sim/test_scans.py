@@ -157,6 +157,16 @@ def test_a_unit_in_a_name_that_makes_no_usual_thing_is_asked_about_where_another
     assert make_clean(large).report.unit == "mm, by its name"
 
 
+def test_a_unit_at_the_end_of_a_name_is_taken_as_it_is_where_it_is_of_no_part(tmp_path: Path) -> None:
+    bolt, rod = moved(bottle(), (0, 0, 0), 0.013 / 0.19), moved(bottle(), (0, 0, 0), 0.31 / 0.19)
+    for name, solid, unit in (("bolt_mm", bolt, 0.001), ("rod-cm", rod, 0.01)):
+        file = obj(tmp_path / f"{name}.obj", solid.vertices, solid.faces.tolist(), unit)
+        assert make_clean(file).report.scale == unit
+    inside = obj(tmp_path / "mm_bolt.obj", bolt.vertices, bolt.faces.tolist(), 0.001)
+    with pytest.raises(ConfigError, match="13 mm across in mm, which its name says, and "):
+        make_clean(inside)
+
+
 def test_a_unit_that_a_file_states_is_known_or_refused_with_those_that_are(tmp_path: Path) -> None:
     file = tmp_path / "scan.obj"
     for text, unit in (("unit system: feet", "ft"), ("units: decimeters", "dm"), ("units: microns", "um"),

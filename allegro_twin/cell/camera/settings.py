@@ -46,9 +46,9 @@ class DepthNoise(Settings):
     @model_validator(mode="after")
     def _ordered(self) -> DepthNoise:
         first, last = self.grazing
-        if not 0.0 <= first < last <= 90.0:
+        if not 0.0 <= first <= last <= 90.0:
             raise ValueError(
-                f"grazing [{first:g}, {last:g}]: give two angles from 0 to 90 degrees, the greater one last"
+                f"grazing [{first:g}, {last:g}]: give two angles from 0 to 90 degrees, the greater one not first"
             )
         return self
 

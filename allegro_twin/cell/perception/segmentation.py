@@ -285,8 +285,8 @@ def _nothing(noise: float, settings: PerceptionSettings) -> PerceptionRefusal:
     said = f"nothing stands on the table that is higher than {max(above, noise):.2g} m and seen"
     fix = "put a thing into the region"
     if noise > above:
-        said += f": `perception.disparity` is {settings.disparity:g}, and lower points may be noise"
-        fix += ", or set `perception.disparity` to what the camera has"
+        said += f", for `perception.disparity` {settings.disparity:g} makes noise of what is lower"
+        fix += ", or bring the camera nearer"
     return PerceptionRefusal("no_object", f"{said}; {fix}")
 
 

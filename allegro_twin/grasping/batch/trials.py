@@ -20,9 +20,11 @@ from allegro_twin.grasping.metrics.trial_metrics import NAMES, trial_metrics
 from allegro_twin.grasping.scenario import (
     Scenario,
     TrialProtocol,
+    check_object_files,
     load_protocol,
     load_scenario,
     scenario_grasp,
+    scenario_protocol,
     turn_pushes,
     with_object,
 )
@@ -218,7 +220,10 @@ def load_case(item: Mapping[str, Any], spec: HandSpec) -> TrialCase:
     scenario, path = load_scenario(item["scenario"])
     if item.get("object") is not None:
         scenario = with_object(scenario, item["object"])
+    check_object_files(scenario, path)
     grasp = scenario_grasp(scenario, path, spec, item.get("grasp"))
+    if protocol is None:
+        scenario_protocol(scenario, path)
     return TrialCase(scenario, grasp, draw, protocol, path.parent, item.get("protocol"))
 
 

@@ -182,6 +182,11 @@ def _unit_in_name(path: Path) -> str | None:
     return None
 
 
+def _ends_in_unit(path: Path) -> bool:
+    """Whether the last word of a file's name is a unit: it is said of the file, and of no part's size."""
+    return re.findall(r"[a-z]+|\d+", path.stem.lower())[-1].rstrip("s") in _WORDS
+
+
 Content = tuple[Numbers, Numbers, Numbers | None]
 _NONE: Numbers = np.empty((0, 3), dtype=np.int64)
 
@@ -503,7 +508,7 @@ def find_unit(path: Path, scan: Scan, scale: float | None, points: Numbers) -> t
         unit, name = scale, f"{next((name for name, each in UNITS.items() if each == scale), own)}, as said"
     elif scan.unit is not None and (scan.unit != "m" or in_metres or LARGE < size <= LARGEST):
         named = not in_metres and _unit_inside(path) is None
-        if named:
+        if named and (scan.unit == "inch" or not _ends_in_unit(path)):
             _check_name(path, scan.unit, size)
         origin = "format" if in_metres else "name" if named else "file"
         unit, name = UNITS[scan.unit], f"{scan.unit}, by its {origin}"

@@ -10,6 +10,9 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.spec.hand import GIVE
 from allegro_twin.types import Array, Sample, Vector
 
+_WRONG = 0.2
+"""rad beyond a limit from which it is no stop that yields (ours)."""
+
 
 class Demonstration:
     """Keeps every sample of what a person shows."""
@@ -22,7 +25,8 @@ class Demonstration:
         self._rows.append((sample.state.t, sample.state.position))
 
     def posture(self) -> Vector:
-        """Where the fingers were left, (n,), rad."""
+        """Where the fingers were left, (n,), rad. Raises ConfigError, as `motion` does, for a joint further beyond its
+        limits than any stop yields."""
         if not self._rows:
             raise ConfigError("nothing was taught: no time has passed in the demonstration; hand.wait(seconds) lets it")
         return self._inside(self._rows[-1][1])
@@ -33,10 +37,10 @@ class Demonstration:
         times, positions = zip(*self._rows, strict=True)
         return trim_demonstration(np.array(times), self._inside(np.array(positions)), tolerance=tolerance)
 
-    def clipped(self) -> str:
+    def clipped(self, *, motion: bool = True) -> str:
         """Which joint went furthest beyond its limits, where it was by more than a stop yields, and by how much; empty
-        where none did. What is taught ends at the limits."""
-        position = np.array([each for _, each in self._rows])
+        where none did. What is taught ends at the limits. `motion`: in the whole motion; otherwise in the posture."""
+        position = np.array([each for _, each in (self._rows if motion else self._rows[-1:])])
         if not len(position):
             return ""
         excess = np.maximum(self._spec.lower - position, position - self._spec.upper)
@@ -50,4 +54,12 @@ class Demonstration:
 
     def _inside(self, positions: Array) -> Array:
         """A joint that leans on its stop gives; what is taught ends at the limit."""
+        excess = np.maximum(self._spec.lower - positions, positions - self._spec.upper)
+        if excess.max() > _WRONG:
+            joint = int(np.unravel_index(int(excess.argmax()), excess.shape)[-1])
+            raise ConfigError(
+                f"{self._spec.joint_labels[joint]} was read {excess.max():.2f} rad beyond its limit, where no stop "
+                f"yields more than {_WRONG:g}: its encoder's zero or the limit is wrong; `allegro-twin calibrate "
+                "limits` measures it"
+            )
         return np.clip(positions, self._spec.lower, self._spec.upper)

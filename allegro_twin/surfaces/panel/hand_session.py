@@ -288,7 +288,7 @@ class HandSession:
             library.add(name, posture_entry(self._demonstration.posture(), spec), spec)
         target.parent.mkdir(parents=True, exist_ok=True)
         library.store(name, target)
-        beyond = self._demonstration.clipped()
+        beyond = self._demonstration.clipped(motion=motion)
         return f"{name} is in {target}{f'; {beyond}' if beyond else ''}"
 
     def _record(self, on: bool) -> str:

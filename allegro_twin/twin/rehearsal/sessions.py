@@ -28,7 +28,7 @@ from allegro_twin.controller import Controller
 from allegro_twin.drivers.can.config import VIRTUAL, CanSettings
 from allegro_twin.drivers.can.opening import hidden_truth
 from allegro_twin.errors import ConfigError, LinkError, RecordingError
-from allegro_twin.grasping.scenario import load_protocol, load_scenario, scenario_grasp
+from allegro_twin.grasping.scenario import load_scenario, scenario_grasp, scenario_protocol
 from allegro_twin.grasping.verdict import TrialReport
 from allegro_twin.hands.description.calibration import load_wiring
 from allegro_twin.hands.description.specs import load_spec
@@ -109,7 +109,7 @@ class RehearsedHand:
     def trial(self, scenario: str, serial: str, film: Path | None = None) -> TrialReport:
         """A whole trial of a scenario with its grasp. `film`: where an .mp4 of it goes. Raises HandError."""
         settings, path = load_scenario(scenario)
-        gains = load_protocol(settings.protocol).gains
+        gains = scenario_protocol(settings, path).gains
         blocks = self.settings.model_dump(exclude_unset=True)
         if (scene := self.settings.scene) is not None:  # How it stands, and in which steps, is the scenario's.
             blocks["scene"] = {"kind": "sim", "truth": scene.truth}

@@ -163,10 +163,10 @@ def test_an_empty_table_and_an_empty_cloud_say_so() -> None:
 def test_what_is_not_seen_below_the_noise_is_told_with_the_height_that_noise_asks_for() -> None:
     noisy = SETTINGS.model_copy(update={"disparity": 2.0})
     sentence = said(look(picture(put("apple")), noisy), "no_object")
-    asked = re.search(r"higher than (\S+) m and seen: `perception.disparity` is 2, ", sentence)
+    asked = re.search(r"higher than (\S+) m and seen, for `perception.disparity` 2 ", sentence)
     assert asked is not None, sentence
     assert float(asked[1]) > 0.07, "The apple is 7 cm high."
-    assert sentence.endswith("or set `perception.disparity` to what the camera has")
+    assert sentence.endswith("put a thing into the region, or bring the camera nearer")
     exact = SETTINGS.model_copy(update={"disparity": 0.0})
     assert "higher than 0.006 m and seen; " in said(look(picture(), exact), "no_object")
 

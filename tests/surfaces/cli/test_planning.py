@@ -32,6 +32,7 @@ from allegro_twin.sim.objects import catalogue
 from allegro_twin.sim.objects.meshes import load_mesh, mesh_report
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.cli.console import plan_table
+from allegro_twin.surfaces.cli.grasps import improve
 from allegro_twin.surfaces.cli.grasps.plan import alternatives, judging, restless, scenario_of, search_failure
 from tests.sim.dirty_meshes import bottomless, cracker, moved, obj
 from tests.surfaces.cli.conftest import Run
@@ -344,6 +345,13 @@ def test_improve_is_of_one_hand_by_its_file_or_of_the_side_that_its_scenario_say
     ("found", "only_before", "sustained", "written"),
     [(True, 0, False, True), (True, 3, False, False), (False, 0, False, False), (True, 3, True, True)],
 )
+def test_improve_of_another_object_has_it_where_the_scenarios_own_stands() -> None:
+    scenario, _, _, _ = improve._load_start("lemon", None, "foam_brick", load_spec())
+    own, other = load_scenario("lemon")[0].objects[0], scenario.objects[0]
+    assert (other.name, other.yaw, other.at) == ("foam_brick", own.yaw, own.at)
+    assert own.yaw != 0.0
+
+
 def test_improve_writes_what_holds_no_fewer_draws_than_before(
     command: Run, tmp_path: Path, found: bool, only_before: int, sustained: bool, written: bool
 ) -> None:

@@ -216,6 +216,18 @@ def test_what_is_taught_ends_at_the_limits_and_a_joint_that_went_far_beyond_is_n
     moved = demonstration.motion().positions
     np.testing.assert_array_equal(moved, np.clip(moved, spec.lower, spec.upper))
     assert demonstration.clipped() == "index_2 went 0.050 rad beyond its limit; what is stored ends there"
+    assert demonstration.clipped(motion=False) == ""
+
+
+def test_a_joint_that_is_read_further_beyond_its_limit_than_a_stop_yields_is_refused(spec: HandSpec) -> None:
+    demonstration = Demonstration(spec)
+    demonstration(sample(0, spec.upper + np.where(np.arange(16) == 2, 2.0, 0.0)))
+    with pytest.raises(ConfigError, match=r"index_2 was read 2\.00 rad beyond its limit"):
+        demonstration.posture()
+    demonstration(sample(1, spec.upper))
+    np.testing.assert_array_equal(demonstration.posture(), spec.upper)
+    with pytest.raises(ConfigError, match="its encoder's zero or the limit is wrong"):
+        demonstration.motion()
 
 
 def test_a_motion_that_never_settles_is_over_half_a_second_after_its_end() -> None:

@@ -99,7 +99,7 @@ def teach(
         else:
             library.add(name, posture_entry(demonstration.posture(), hand.spec), hand.spec)
         library.store(name, into)
-    console.warn(demonstration.clipped())
+    console.warn(demonstration.clipped(motion=motion))
     both = ", for the right and the left hand" if card_side(hand.spec.model) is None else ""
     console.say(f"{name} is in {into}{both}")
 
