@@ -341,10 +341,6 @@ def test_improve_is_of_one_hand_by_its_file_or_of_the_side_that_its_scenario_say
     assert (code, said.endswith("is of one: name one hand's own file\n")) == (2, True)
 
 
-@pytest.mark.parametrize(
-    ("found", "only_before", "sustained", "written"),
-    [(True, 0, False, True), (True, 3, False, False), (False, 0, False, False), (True, 3, True, True)],
-)
 def test_improve_of_another_object_has_it_where_the_scenarios_own_stands() -> None:
     scenario, _, _, _ = improve._load_start("lemon", None, "foam_brick", load_spec())
     own, other = load_scenario("lemon")[0].objects[0], scenario.objects[0]
@@ -352,6 +348,10 @@ def test_improve_of_another_object_has_it_where_the_scenarios_own_stands() -> No
     assert own.yaw != 0.0
 
 
+@pytest.mark.parametrize(
+    ("found", "only_before", "sustained", "written"),
+    [(True, 0, False, True), (True, 3, False, False), (False, 0, False, False), (True, 3, True, True)],
+)
 def test_improve_writes_what_holds_no_fewer_draws_than_before(
     command: Run, tmp_path: Path, found: bool, only_before: int, sustained: bool, written: bool
 ) -> None:
