@@ -260,6 +260,8 @@ class LabSettings(Settings):
             ("target", force.tare * period, "validation.tare x arm.period, of light objects,"),
             ("check", force.samples * period, "validation.samples x arm.period"),
             ("check", force.long * period, "validation.long x arm.period, of light objects,"),
+            ("look", self.camera.latency, "camera.latency"),
+            ("check", self.camera.latency, "camera.latency"),
             ("approach", self.arm.approach, "arm.approach"),
             ("lift", self.arm.lift, "arm.lift"),
         ):

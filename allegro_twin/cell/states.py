@@ -165,8 +165,11 @@ def next_state(now: MachineState, observation: Observation, rules: StateRules) -
         case "Retreat" if now.cause is not None:
             return _again(now, observation.t, rules, now.cause) if observation.done or late else now
         case "Validate":
-            if observation.held is None and not late:
-                return now
+            if observation.held is None:
+                if not late:
+                    return now
+                unsure = CellOutcome("fault", "not confirmed", _unchecked(rules))
+                return _put_back(now, observation.t, unsure) if rules.objects else ended(now, observation.t, unsure)
             if observation.held and rules.objects:
                 return replace(now, state="ToReleasePose", since=observation.t, carries=True)
             if observation.held:
@@ -187,6 +190,8 @@ def next_state(now: MachineState, observation: Observation, rules: StateRules) -
             return MachineState("ToSecurityPose", observation.t, released=now.released + 1)
     if observation.done:
         return replace(now, state=_NEXT[now.state], since=observation.t)
+    if late and now.state == "ToLiftedPose" and (now.tries <= rules.retries or rules.objects):
+        return _put_back(now, observation.t, _stuck(now, rules))  # What is in the hand is not dropped.
     return _again(now, observation.t, rules, _stuck(now, rules)) if late else now
 
 
@@ -262,6 +267,13 @@ def ended(now: MachineState, t: float, end: CellOutcome) -> MachineState:
         told = [f"try {now.earlier.index(each) + 1}: {each}, {each.sentence}" for each in before]
         end = replace(end, sentence="; ".join(filter(None, (end.sentence, *told))))
     return replace(now, state="Done", since=t, end=end)
+
+
+def _unchecked(rules: StateRules) -> str:
+    return (
+        f"the check of the grasp was not over after its {rules.timeouts['Validate']:g} s of `timeouts`; see to the "
+        "camera and the force sensor, and to what is in the hand before it is opened"
+    )
 
 
 def _stuck(now: MachineState, rules: StateRules) -> CellOutcome:

@@ -61,6 +61,7 @@ def test_grazing_angles_that_are_no_range_are_refused(angles: list[float]) -> No
     ("timeouts.check", 0.1, "check", "validation.samples x arm.period 0.3 s"),
     ("validation.tare", 4000, "target", "validation.tare x arm.period, of light objects, 12 s"),
     ("validation.long", 2100, "check", "validation.long x arm.period, of light objects, 6.3 s"),
+    ("camera.latency", 1.2, "look", "camera.latency 1.2 s"),
     ("arm.approach", 5.0, "approach", "arm.approach 5 s"), ("timeouts.lift", 0.8, "lift", "arm.lift 1 s"),
 ])  # fmt: skip
 def test_a_time_limit_that_always_runs_out_is_refused_with_both_keys(

@@ -57,7 +57,7 @@ def test_nothing_changes_while_nothing_has_happened_and_it_is_not_late(state: St
     assert next_state(now, Observation(2.0 + RULES.timeouts[state] - 0.01), RULES) is now
 
 
-@pytest.mark.parametrize("state", ["ToSecurityPose", "ToTargetPose", "Approach", "ClosingHand", "ToLiftedPose"])
+@pytest.mark.parametrize("state", ["ToSecurityPose", "ToTargetPose", "Approach", "ClosingHand"])
 def test_a_motion_that_takes_too_long_begins_anew_and_then_ends_by_its_name(state: StateName) -> None:
     late = Observation(RULES.timeouts[state])
     again = next_state(MachineState(state, 0.0), late, RULES)
@@ -65,6 +65,26 @@ def test_a_motion_that_takes_too_long_begins_anew_and_then_ends_by_its_name(stat
     last = next_state(MachineState(state, 0.0, 2), late, RULES).end
     assert last is not None
     assert str(last) == f"fault: timeout in {state}"
+
+
+def test_a_lift_that_takes_too_long_puts_back_what_is_in_the_hand_before_it_begins_anew() -> None:
+    late = Observation(RULES.timeouts["ToLiftedPose"])
+    back = next_state(MachineState("ToLiftedPose", 0.0), late, RULES)
+    assert (back.state, back.tries) == ("PutBack", 1)
+    opens = next_state(back, Observation(late.t + 1.0, done=True), RULES)
+    again = next_state(opens, Observation(late.t + 2.0, done=True), RULES)
+    assert (opens.state, again.state, again.tries) == ("OpeningHand", "ToSecurityPose", 2)
+    last = next_state(MachineState("ToLiftedPose", 0.0, 2), late, RULES).end
+    assert str(last) == "fault: timeout in ToLiftedPose"
+
+
+def test_a_check_that_is_not_over_in_time_says_so_and_keeps_or_puts_back_what_is_in_the_hand() -> None:
+    late = Observation(RULES.timeouts["Validate"])
+    end = next_state(MachineState("Validate", 0.0), late, RULES).end
+    assert end is not None
+    assert (str(end), "was not over after its 3 s" in end.sentence) == ("fault: not confirmed", True)
+    back = next_state(MachineState("Validate", 0.0), late, CLEARING)
+    assert (back.state, str(back.put_back)) == ("PutBack", "fault: not confirmed")
 
 
 def test_what_is_not_held_is_tried_again_as_often_as_the_rules_say() -> None:
