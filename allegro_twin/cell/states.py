@@ -145,7 +145,9 @@ def next_state(now: MachineState, observation: Observation, rules: StateRules) -
     if observation.reflex is not None:
         if now.state == "Retreat":
             return ended(now, observation.t, observation.reflex)  # Whichever way it goes.
-        return replace(now, state="Retreat", since=observation.t, cause=observation.reflex)
+        led_away = replace(now, state="Retreat", since=observation.t, cause=observation.reflex)
+        lifted = now.state in ("ToLiftedPose", "Validate")
+        return replace(led_away, carries=True, put_back=observation.reflex) if lifted else led_away
     late = observation.t - now.since >= rules.timeouts[now.state] - 1e-9
     match now.state:
         case "Look":
@@ -163,7 +165,11 @@ def next_state(now: MachineState, observation: Observation, rules: StateRules) -
                 )
             return before
         case "Retreat" if now.cause is not None:
-            return _again(now, observation.t, rules, now.cause) if observation.done or late else now
+            if not (observation.done or late):
+                return now
+            if now.put_back is now.cause:  # It was lifted: it is not dropped.
+                return replace(now, state="PutBack", since=observation.t, cause=None)
+            return _again(now, observation.t, rules, now.cause)
         case "Validate":
             if observation.held is None:
                 if not late:
