@@ -296,6 +296,23 @@ def test_only_who_drives_and_while_nothing_is_stopped_has_sliders_that_move(page
     assert page.come().gui.named(SPEC.joint_labels[0], "slider").disabled
 
 
+def test_after_a_stop_the_recording_can_be_ended_and_the_picture_paused(page: Page) -> None:
+    second = page.come()
+    page.show(moment(2.0, stopped=True, recorded=1.0))
+    assert not page.at("End the recording").disabled
+    assert not page.at("Pause the picture").disabled
+    assert page.at("Teach").disabled
+    assert page.at("Repeat what was shown").disabled
+    assert all(second.gui.named(name).disabled for name in ("End the recording", "Pause the picture", "Teach"))
+    click(page.at("End the recording"))
+    assert page.asked == [r.Record(on=False)]
+    click(page.at("Pause the picture"))
+    assert not page.at("Play from there").disabled
+    page.session.hear(SessionEnded("a fault"))
+    assert page.at("Record").disabled, "there is nothing to record"
+    assert not page.at("Pause the picture").disabled
+
+
 def test_a_tip_is_dragged_to_where_its_finger_then_is(page: Page) -> None:
     controls = {name: page.first.scene.at(f"/palm/drag_{name}") for name in ("index", "middle", "ring", "thumb")}
     assert page.session.state.tip_ik is not None
