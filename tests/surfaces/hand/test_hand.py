@@ -176,6 +176,7 @@ def test_a_bad_posture_is_refused_before_anything_moves(hand: Hand, posture: obj
             "no profile named 'cubic'; there are: linear, minimum_jerk",
         ),
         (lambda hand: hand.move_to("home", speed="fast"), "speed, in rad/s, is a number; not 'fast'"),
+        (lambda hand: hand.move_to("home", speed=10**400), "speed, in rad/s, is a number; not 1000"),
         (lambda hand: hand.move_to("home", speed=None), "speed, in rad/s, is a number; not None"),
         (lambda hand: hand.move_fingertips({}, speed="fast"), "speed, in m/s, is a number; not 'fast'"),
         (lambda hand: hand.play("ripple", speed="fast"), "speed is a number; not 'fast'"),
