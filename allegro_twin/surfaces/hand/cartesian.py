@@ -149,7 +149,7 @@ def _turned(begin: Array, end: Array | None, parts: Array) -> list[Array | None]
 def _three(value: ArrayLike, what: str) -> Vector:
     try:
         vector = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ConfigError(f"{what}; not {value!r}") from error
     if vector.shape != (3,) or not np.isfinite(vector).all():
         raise ConfigError(f"{what}; not {value!r}")
