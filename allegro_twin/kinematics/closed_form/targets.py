@@ -20,7 +20,7 @@ _OF_FINGER = ("pitch", "rotation", "quaternion", "euler", "near")
 _OF_THUMB = ("q0", "q1", "psi", "rotation", "quaternion", "euler", "near")
 
 _LONGEST = 1e100
-"""Of a quaternion: the square of a longer one may be no double."""
+"""Longest quaternion whose square is a double, with room."""
 
 Mode: TypeAlias = Literal["position", "pitch", "rotation", "q0", "q1", "psi"]
 """What a target fixes besides the position."""

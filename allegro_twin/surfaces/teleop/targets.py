@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.spec import HandSpec, Side
+from allegro_twin.spec.hand import check_side
 from allegro_twin.types import Array, Vector
 
 COUNT = 21
@@ -113,6 +114,7 @@ class FingertipTargets:
 
     def __init__(self, spec: HandSpec, side: Side) -> None:
         """`side`: which of the person's hands is tracked. The other side's is mirrored. Raises ConfigError."""
+        check_side(side)
         self.vectors, self.side = target_vectors(spec), side
         self._mirror = np.array([1.0, 1.0 if side == spec.side else -1.0, 1.0])
         try:

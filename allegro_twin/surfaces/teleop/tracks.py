@@ -14,7 +14,8 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.csv_table import parse_csv
-from allegro_twin.spec import SIDES, Side
+from allegro_twin.spec import Side
+from allegro_twin.spec.hand import check_side
 from allegro_twin.surfaces.teleop.targets import COUNT, palm_length, wrong_size
 from allegro_twin.types import Array, Vector
 
@@ -119,9 +120,9 @@ def _frame(frame: Any, where: str) -> tuple[float, Array]:
 
 
 def _side(text: str | None, path: Path) -> Side | None:
-    if text is not None and text not in SIDES:
-        raise ConfigError(f"{path}: side is {' or '.join(SIDES)}, not {text!r}")
-    return text
+    if text is not None:
+        check_side(text, f"{path}: side")
+    return text  # type: ignore[return-value]  # Checked.
 
 
 def _checked(track: HandTrack, path: Path) -> HandTrack:

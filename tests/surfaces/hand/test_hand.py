@@ -427,6 +427,9 @@ def test_an_orientation_that_a_tip_cannot_have_is_refused_with_the_nearest(hand:
         ConfigError, match=r"index: at .* cannot have euler .* the nearest .* is (\[.*\]), \d\.\d\d rad"
     ) as e:
         hand.move_fingertips({"index": tip.position}, euler={"index": sideways})
+    assert f"euler [{', '.join(f'{angle:.4f}' for angle in sideways)}] rad" in str(e.value)
+    with pytest.raises(ConfigError, match=r"cannot have euler \[0.0000, 90.0000, 0.0000\] rad; .*: 90° is 1.5708 rad$"):
+        hand.move_fingertips({"index": tip.position}, euler={"index": [0, 90, 0]})
     found = re.search(r"there is \[(.*)\]", str(e.value))
     assert found is not None
     assert hand.state.t == before

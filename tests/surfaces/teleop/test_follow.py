@@ -266,6 +266,11 @@ def test_a_hand_that_does_not_know_where_down_is_is_not_led() -> None:
         it.play(*still(0.5))
 
 
+def test_a_tracked_hand_that_is_neither_right_nor_left_is_refused_and_not_mirrored(spec: HandSpec) -> None:
+    with pytest.raises(ConfigError, match="^side is right or left, not 'Right'$"):
+        FingertipTargets(spec, "Right")  # type: ignore[arg-type]  # That is what is tried.
+
+
 def test_a_hand_that_is_no_persons_cannot_be_led(spec: HandSpec, monkeypatch: pytest.MonkeyPatch) -> None:
     from dataclasses import replace
 
