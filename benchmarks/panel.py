@@ -26,7 +26,7 @@ from allegro_twin.surfaces.panel import requests
 from allegro_twin.surfaces.panel.hand_session import Folders, HandSession, HandSessions
 from allegro_twin.surfaces.panel.host import Host
 from allegro_twin.surfaces.panel.page_process import PageServer
-from allegro_twin.types import Sample
+from allegro_twin.types import Sample, Vector
 from benchmarks.two_processes import Figure, _hand
 
 _BROWSER = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -74,8 +74,8 @@ def _alone(config: RunConfig, folder: Path, keep: Any, seconds: float) -> None:
     with Hand.open(config, background=True) as hand:
         hand.direct.prepare()
         hand.listen(keep)
-        for wish in _wishes(hand.spec.lower, hand.spec.upper, seconds):
-            hand.direct.steer(wish.position)
+        for goal in _goals(hand.spec.lower, hand.spec.upper, seconds):
+            hand.direct.steer(goal)
 
 
 def _through_the_panel(config: RunConfig, folder: Path, keep: Any, seconds: float) -> None:
@@ -83,16 +83,16 @@ def _through_the_panel(config: RunConfig, folder: Path, keep: Any, seconds: floa
         opened = host._session
         assert isinstance(opened, HandSession)
         opened.hand.listen(keep)
-        for wish in _wishes(opened.rig.spec.lower, opened.rig.spec.upper, seconds):
-            host._take(wish)
+        for goal in _goals(opened.rig.spec.lower, opened.rig.spec.upper, seconds):
+            host._take(requests.MoveJoints(tuple(goal.tolist())))
 
 
-def _wishes(lower: Any, upper: Any, seconds: float) -> Iterator[requests.MoveJoints]:
+def _goals(lower: Any, upper: Any, seconds: float) -> Iterator[Vector]:
     middle = np.clip(0.3, lower, upper)
     for k in range(round(20 * seconds)):
         goal = middle.copy()
         goal[1] = np.clip(0.5 + 0.3 * np.sin(k / 8.0), lower[1], upper[1])
-        yield requests.MoveJoints(tuple(goal.tolist()))
+        yield goal
         time.sleep(0.05)
 
 

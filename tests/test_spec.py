@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -59,6 +61,12 @@ def test_a_posture_outside_the_limits_names_the_joint_and_the_excess(joint: int,
 def test_a_vector_needs_one_finite_value_per_joint(values: Array) -> None:
     with pytest.raises(ConfigError, match=r"one value or 16|must be finite"):
         SPEC.vector(values, "posture")
+
+
+@pytest.mark.parametrize("side", ["both", "RIGHT", "", 1])
+def test_what_is_no_side_of_a_hand_is_refused_by_what_there_is(side: Any) -> None:
+    with pytest.raises(ConfigError, match=f"^side is right or left, not {side!r}$"):
+        load_spec(side=side)
 
 
 def test_an_unknown_model_or_hand_is_named_with_what_there_is() -> None:

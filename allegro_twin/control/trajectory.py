@@ -169,7 +169,7 @@ def number(value: float, what: str) -> float:
         if isinstance(value, str | bytes):
             raise TypeError
         return float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ConfigError(f"{what} is a number; not {value!r}") from None
 
 

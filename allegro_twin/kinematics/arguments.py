@@ -13,6 +13,8 @@ from allegro_twin.types import Array, Vector
 
 _SHORT = Repr()
 _SHORT.maxother = _SHORT.maxstring = 60
+FURTHEST = 1e9
+"""m. Of a point further away doubles do not tell which posture is nearest."""
 
 
 def numbers(what: str, value: ArrayLike | None) -> Array:
@@ -21,7 +23,7 @@ def numbers(what: str, value: ArrayLike | None) -> Array:
         if isinstance(value, np.ndarray | np.generic) and np.iscomplexobj(value):
             raise TypeError
         return np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ConfigError(f"{what} must be numbers, not {short_repr(value)}") from error
 
 
@@ -43,6 +45,11 @@ def finite(what: str, value: ArrayLike | None, *shape: int) -> Array:
         where = f"number {', '.join(map(str, place))} of it" if shape else "it"
         raise ConfigError(f"{what} must be finite; {where} is {array[place]}")
     return array
+
+
+def too_far(finger: str, points: Array) -> ConfigError:
+    """The error for points, (..., 3), m, of which one is further away than `FURTHEST`."""
+    return ConfigError(f"{finger}: position is in m, at most {FURTHEST:g}; it is {np.abs(points).max():g}")
 
 
 def check_margin(finger: str, margin: float, lower: Vector, upper: Vector) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.arguments import check_margin, finite, rows
+from allegro_twin.kinematics.arguments import FURTHEST, check_margin, finite, rows, too_far
 from allegro_twin.kinematics.chain import FingerChain
 from allegro_twin.kinematics.orientation import angle_between, matrix_from_euler, matrix_from_quaternion
 from allegro_twin.kinematics.pose import Pose
@@ -96,6 +96,8 @@ class NumericFinger:
         shape = targets.shape[:-1]
         starts = self._starts(near, shape, limits)
         targets = finite(f"{self.name}: position", targets, *targets.shape).reshape(-1, 3)
+        if (np.abs(targets) > FURTHEST).any():
+            raise too_far(self.name, targets)
         turns = self._rotations(rotation, quaternion, euler, shape)
         postures, distances = self._solve(targets, starts, limits, turns, near=near is not None)
         reached = distances < _THERE

@@ -19,6 +19,14 @@ from allegro_twin.types import Array, Vector, frozen
 
 Side: TypeAlias = Literal["right", "left"]
 SIDES: tuple[Side, Side] = ("right", "left")
+
+
+def check_side(side: object, what: str = "side") -> None:
+    """Raises ConfigError for what is no side of a hand; `what` it is stands in the message."""
+    if side not in SIDES:
+        raise ConfigError(f"{what} is {' or '.join(SIDES)}, not {side!r}")
+
+
 CommandKind: TypeAlias = Literal["torque", "position", "limited_position", "timed_position"]
 """What a hand takes: torques; positions; positions with a limited effort, or in a given time."""
 

@@ -251,6 +251,11 @@ def test_targets_keep_their_shape_and_scalars_spread() -> None:
         ("index", {"pitch": "steep"}, "pitch must be numbers"),
         ("index", {"rotation": np.ones((3, 3))}, "no rotation matrix"),
         ("index", {"rotation": np.diag([1.0, 1.0, -1.0])}, "no rotation matrix"),
+        (
+            "index",
+            {"quaternion": [0.0, 1e300, 0.0, 0.0]},
+            "a quaternion is w x y z of length 1; this one is longer",
+        ),
         ("index", {"near": np.zeros(16)}, "near needs shape \\(..., 4\\)"),
         ("index", {"margin": -0.1}, "margin -0.1 rad does not fit"),
         ("index", {"margin": 0.5}, "half the least range is 0.470 rad"),
@@ -263,6 +268,23 @@ def test_arguments_that_do_not_fit_are_refused_in_one_line(
     with pytest.raises(ConfigError, match=message) as caught:
         FINGERS["right", name].ik(np.zeros((2, 3)), **arguments)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["index", "thumb"])
+@pytest.mark.parametrize("far", [1.1e9, -1e160, 1e300])
+def test_a_position_that_doubles_cannot_tell_a_posture_for_is_refused_in_m(name: str, far: float) -> None:
+    finger, point = FINGERS["right", name], np.array([0.0, far, 0.0])
+    for points in (point, np.stack([np.zeros(3), point])):
+        with pytest.raises(ConfigError, match=rf"^{name}: position is in m, at most 1e\+09; it is 1(.1)?e\+\d+$"):
+            finger.ik(points)
+    best = finger.ik([0.0, 0.9e9, 0.0]).best()
+    assert np.isfinite(best.posture).all()
+    assert best.distance == pytest.approx(0.9e9)
+
+
+def test_an_integer_that_is_no_double_is_refused_as_a_position() -> None:
+    with pytest.raises(ConfigError, match="position must be numbers"):
+        FINGERS["right", "index"].ik([10**400, 0, 0])
 
 
 def test_positions_of_the_wrong_shape_are_refused() -> None:

@@ -19,7 +19,7 @@ from allegro_twin.hands.description.calibration import HIDDEN, NOMINAL, NOTHING,
 from allegro_twin.hands.description.card import ThermalCard, spec_from_card
 from allegro_twin.spec import SIDES, Actuation, CommandKind, Finger, ForeignModel, HandSpec, Side
 from allegro_twin.spec.drivetrain import Drive
-from allegro_twin.spec.hand import aliases
+from allegro_twin.spec.hand import aliases, check_side
 from allegro_twin.spec.thermal import ThermalData
 from allegro_twin.types import Vector, frozen
 
@@ -40,8 +40,10 @@ def load_spec(
     `side`: None is that of the hand's card, and of a hand without one the right.
 
     `version` is the hand's, where its file does not say; it decides how much torque its driver lets through. `over`
-    overrides the file key by key. Raises ConfigError that names the file and the key.
+    overrides the file key by key. Raises ConfigError that names the file and the key, and for another side.
     """
+    if side is not None:
+        check_side(side)
     side = side or card_side(model) or "right"
     if model in arms.arm_names():
         return _arm(model, side, serial)

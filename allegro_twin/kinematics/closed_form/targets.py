@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.arguments import numbers, rows
+from allegro_twin.kinematics.arguments import FURTHEST, numbers, rows, too_far
 from allegro_twin.kinematics.maths import ARRAYS, FLOATS, Maths, T
 from allegro_twin.kinematics.orientation import Entries, entries_of_euler, entries_of_quaternion, is_rotation
 from allegro_twin.types import Array
@@ -19,6 +19,8 @@ _SHAPES: dict[str, tuple[int, ...]] = {"rotation": (3, 3), "quaternion": (4,), "
 _OF_FINGER = ("pitch", "rotation", "quaternion", "euler", "near")
 _OF_THUMB = ("q0", "q1", "psi", "rotation", "quaternion", "euler", "near")
 
+_LONGEST = 1e100
+"""Longest quaternion whose square is a double, with room."""
 
 Mode: TypeAlias = Literal["position", "pitch", "rotation", "q0", "q1", "psi"]
 """What a target fixes besides the position."""
@@ -67,6 +69,8 @@ def _target(
     named: Sequence[tuple[str, ArrayLike]],
 ) -> IkTarget[T]:
     x, y, z = split(finger, "position", points, (3,), shape)
+    if m.any((abs(x) > FURTHEST) | (abs(y) > FURTHEST) | (abs(z) > FURTHEST)):
+        raise too_far(finger, points)
     if not named:
         return IkTarget("position", shape, (x, y, z), x * 0.0, None, None)
     ((name, value),) = named
@@ -86,6 +90,8 @@ def _turn(m: Maths[T], finger: str, name: str, values: list[T]) -> Entries[T]:
         return entries_of_euler(m, *values)
     if name == "quaternion":
         w, x, y, z = values
+        if m.any((abs(w) > _LONGEST) | (abs(x) > _LONGEST) | (abs(y) > _LONGEST) | (abs(z) > _LONGEST)):
+            raise ConfigError(f"{finger}: a quaternion is w x y z of length 1; this one is longer than {_LONGEST:g}")
         length = m.root(w * w + x * x + y * y + z * z)
         if m.any(length <= 1e-9):
             raise ConfigError(f"{finger}: a quaternion of length zero is no orientation")

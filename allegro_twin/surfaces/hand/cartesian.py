@@ -43,6 +43,8 @@ class _Line(NamedTuple):
     """Where it ends, (3,), m."""
     rotation: Array | None
     """How it is turned then, (3, 3); None: as it comes."""
+    euler: Vector | None
+    """Its roll, pitch and yaw as they were given, (3,), rad."""
 
     @property
     def length(self) -> float:
@@ -91,12 +93,12 @@ def _line(hand: HandKinematics, start: Vector, name: str, value: ArrayLike, eule
             f"{hand.spec.name}: {name} cannot be moved alone, its motor moves {', '.join(solver.shared)} as well"
         )
     point = _three(value, f"{name}: a fingertip position is three finite numbers, m, palm frame")
-    rotation = None
+    rotation = turn = None
     if euler is not None:
         turn = _three(euler, f"{name}: euler is roll, pitch and yaw, rad")
         solver.ik(point, euler=turn)  # Raises where this finger's orientation cannot be asked for.
         rotation = matrix_from_euler(turn)
-    return _Line(solver, joints, solver.fk(start[joints]), point, rotation)
+    return _Line(solver, joints, solver.fk(start[joints]), point, rotation, turn)
 
 
 def _solved(line: _Line, parts: Array, start: Vector) -> Array:
@@ -123,11 +125,13 @@ def _check_end(line: _Line, near: Vector) -> None:
             f"{name}: the tip cannot be at {_text(line.point)} m, palm frame; the nearest point in reach is "
             f"{float(best.distance) * 1000:.1f} mm from there"
         )
-    if line.rotation is not None and best.angle > _TURNED:
-        wanted, nearest = (_text(euler_from_matrix(r)) for r in (line.rotation, line.solver.fk(best.posture).rotation))
+    if line.euler is not None and best.angle > _TURNED:
+        nearest = _text(euler_from_matrix(line.solver.fk(best.posture).rotation))
+        largest = float(np.abs(line.euler).max())
+        unit = f"; euler is in radians: {largest:g}° is {math.radians(largest):.4f} rad" if largest > math.tau else ""
         raise ConfigError(
-            f"{name}: at {_text(line.point)} m the tip cannot have euler {wanted} rad; the nearest that it can have "
-            f"there is {nearest}, {float(best.angle):.2f} rad away"
+            f"{name}: at {_text(line.point)} m the tip cannot have euler {_text(line.euler)} rad; the nearest that it "
+            f"can have there is {nearest}, {float(best.angle):.2f} rad away{unit}"
         )
 
 
@@ -149,7 +153,7 @@ def _turned(begin: Array, end: Array | None, parts: Array) -> list[Array | None]
 def _three(value: ArrayLike, what: str) -> Vector:
     try:
         vector = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ConfigError(f"{what}; not {value!r}") from error
     if vector.shape != (3,) or not np.isfinite(vector).all():
         raise ConfigError(f"{what}; not {value!r}")

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from allegro_twin.app import Rig
 from allegro_twin.control.path_planning import postures_on_line
+from allegro_twin.control.setpoint_filter import SmoothSetpoint
 from allegro_twin.control.trajectory import SLOWEST, number
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.library.gains import load_gains
@@ -65,6 +66,15 @@ class LiveControl:
         """Where the joints should be now, (n,), rad; NaN where the controller wants no position."""
         goal, state = self._mover.goal, self._mover.state
         return np.full(self._rig.spec.n_joints, np.nan) if goal is None else goal.at(state.t)
+
+    @property
+    def goal(self) -> Vector:
+        """Where the joints are headed, (n,), rad: the posture of `steer` while that is what they do; else their target
+        of now, and their position where there is none. A refused posture is none."""
+        goal, state = self._mover.goal, self._mover.state
+        if goal is None:
+            return state.position
+        return goal.path.goal if isinstance(goal.path, SmoothSetpoint) else goal.at(state.t)
 
     def usual_speed(self, usual: float) -> float:
         """A speed for whoever asks for none, rad/s: the usual one, or less where the guard would stop a joint."""

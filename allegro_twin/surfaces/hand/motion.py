@@ -215,7 +215,7 @@ class MotionControl:
             given = vector
             try:
                 vector = frozen(given)
-            except (TypeError, ValueError):
+            except (TypeError, ValueError, OverflowError):
                 vector = np.full(3, np.nan)  # Refused below.
             if vector.shape != (3,) or not np.isfinite(vector).all():
                 raise ConfigError(f"gravity needs three finite numbers in the palm frame, m/s²; not {given!r}")

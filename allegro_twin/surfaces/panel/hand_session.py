@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -135,7 +135,7 @@ class HandSession:
             self._teach(False)
         match request:
             case requests.MoveJoints(position):
-                hand.direct.steer(position)
+                hand.direct.steer(self._whole(position))
             case requests.MoveToPosture(name):
                 hand.move_to(name, hand.direct.usual_speed(1.0), wait=False)
             case requests.PerformGrasp(name):
@@ -235,6 +235,11 @@ class HandSession:
         self.hand.direct.perform()
         watch.perform()
         return ""
+
+    def _whole(self, position: Sequence[float | None]) -> Sequence[float]:
+        """A posture with the goals that joints have already where none is given."""
+        goal = np.clip(self.hand.direct.goal, self.hand.spec.lower, self.hand.spec.upper).tolist()
+        return [goal[joint] if asked is None else asked for joint, asked in enumerate(position)]
 
     def _hold(self) -> None:
         """Stay here; in an episode with the torques of now, or the fingertips would let go of the object."""
@@ -358,7 +363,7 @@ class HandSession:
         return StreamFrame(
             self._number, state.t, state.position, state.torque, state.temperature, direct.target, look,
             self.hand.controller, direct.stopped, self._lost, tuple(self.rig.device.warnings()),
-            state.t - self._recorded_from if self._recorder is not None else -1.0, self._teaching,
+            state.t - self._recorded_from if self._recorder is not None else -1.0, self._teaching, goal=direct.goal,
         )  # fmt: skip
 
 

@@ -4,15 +4,28 @@ from __future__ import annotations
 
 import threading
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
 
 @dataclass(frozen=True, slots=True)
 class MoveJoints:
-    """Head for these positions, (n,), rad."""
+    """Head for these positions, (n,), rad; None: that joint stays at the goal that the session has for it."""
 
-    position: tuple[float, ...]
+    position: tuple[float | None, ...]
+
+    @classmethod
+    def of(cls, n: int, positions: Mapping[int, float]) -> MoveJoints:
+        """Some of `n` joints, by number."""
+        return cls(tuple(positions.get(joint) for joint in range(n)))
+
+    def after(self, earlier: MoveJoints) -> MoveJoints:
+        """This request and one before it as one."""
+        if len(earlier.position) != len(self.position):
+            return self
+        pairs = zip(earlier.position, self.position, strict=True)
+        return MoveJoints(tuple(old if new is None else new for old, new in pairs))
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +190,8 @@ Request: TypeAlias = (
 IMMEDIATE = (DragObject, DropObject)
 """These wait for no other request: one that is being planned may take a second."""
 _CONTINUOUS = (MoveJoints, MovePalm, TurnGoal)
-"""A handle that is dragged asks for more of these than a session can do: of several in a row only the newest waits."""
+"""A handle that is dragged asks for more of these than a session can do: of several in a row only the newest waits, and
+what earlier ones ask of other joints with it."""
 
 
 class RequestQueue:
@@ -190,7 +204,9 @@ class RequestQueue:
     def put(self, request: Request) -> None:
         with self._changed:
             if isinstance(request, _CONTINUOUS) and self._waiting and type(self._waiting[-1]) is type(request):
-                self._waiting.pop()
+                earlier = self._waiting.pop()
+                if isinstance(request, MoveJoints) and isinstance(earlier, MoveJoints):
+                    request = request.after(earlier)
             self._waiting.append(request)
             self._changed.notify()
 

@@ -55,6 +55,8 @@ class StreamFrame(NamedTuple):
     teaching: bool
     arm: Vector = _NONE
     """Joint positions of the arm, rad; empty: the hand is alone."""
+    goal: Vector = _NONE
+    """Where the joints are headed, (n,), rad: `LiveControl.goal`; empty: of a cell."""
 
 
 @dataclass(frozen=True, slots=True)

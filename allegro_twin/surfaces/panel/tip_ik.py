@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -14,8 +15,8 @@ from allegro_twin.types import Vector
 class DraggedTip(NamedTuple):
     """The answer to a fingertip that is dragged."""
 
-    posture: Vector | None
-    """All joints, (n,), rad; None: it cannot be there."""
+    posture: Mapping[int, float] | None
+    """Positions of the finger's joints by number, rad; None: it cannot be there."""
     nearest: Vector
     """The place in reach that is nearest, (3,), m, palm frame."""
     distance: float
@@ -40,7 +41,6 @@ class TipIK:
         held = np.clip(near[joints], solver.lower, solver.upper)
         best = solver.ik(point, near=held).best(held)
         if best.reached:
-            posture = near.copy()
-            posture[joints] = np.clip(best.posture, solver.lower, solver.upper)
-            return DraggedTip(posture, point, 0.0)
+            inside = np.clip(best.posture, solver.lower, solver.upper)
+            return DraggedTip(dict(zip(joints, inside.tolist(), strict=True)), point, 0.0)
         return DraggedTip(None, np.asarray(solver.fk(best.posture).position), float(best.distance))

@@ -6,10 +6,12 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.spec import HandSpec, Side
+from allegro_twin.spec.hand import check_side
 from allegro_twin.types import Array, Vector
 
 COUNT = 21
@@ -23,11 +25,34 @@ PALM = (0.04, 0.16)
 """m. From the wrist to the middle finger's knuckle: a toddler's, and the largest hands there are, with room."""
 
 
-def is_hand(landmarks: Array) -> bool:
-    """Whether (21, 3), m, is a hand: all there, of a hand's size, and not folded into a line."""
+def landmark_array(landmarks: ArrayLike) -> Array:
+    """The landmarks of a frame, (21, 3). Raises ConfigError for another shape, and what is no numbers."""
+    try:
+        points = np.asarray(landmarks, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ConfigError(f"landmarks are {COUNT} points of three numbers, m: {error}") from error
+    if points.shape != (COUNT, 3):
+        raise ConfigError(f"landmarks have shape ({COUNT}, 3), m, and are NaN where no hand is seen; not "
+                          f"{'None' if landmarks is None else points.shape}")  # fmt: skip
+    return points
+
+
+def not_a_hand(landmarks: Array) -> str:
+    """Why (21, 3), m, is no hand: not all there, not of a hand's size, or folded into a line; empty: it is one."""
     if not np.isfinite(landmarks).all():
-        return False
-    return PALM[0] <= palm_length(landmarks) <= PALM[1] and float(np.linalg.norm(_across(landmarks))) > _FLAT
+        return "no whole hand in the frames"
+    folded = float(np.linalg.norm(_across(landmarks))) <= _FLAT
+    return wrong_size(palm_length(landmarks)) or ("its knuckles are in one line with the wrist" if folded else "")
+
+
+def wrong_size(palm: float) -> str:
+    """Why a palm of this length, m, is no hand's; empty: it is one's."""
+    if PALM[0] <= palm <= PALM[1]:
+        return ""
+    return (
+        f"{palm:.3g} m from the wrist to the middle knuckle is no hand's: landmarks are in m (MediaPipe's world "
+        "landmarks)"
+    )
 
 
 def palm_length(landmarks: Array) -> float:
@@ -89,6 +114,7 @@ class FingertipTargets:
 
     def __init__(self, spec: HandSpec, side: Side) -> None:
         """`side`: which of the person's hands is tracked. The other side's is mirrored. Raises ConfigError."""
+        check_side(side)
         self.vectors, self.side = target_vectors(spec), side
         self._mirror = np.array([1.0, 1.0 if side == spec.side else -1.0, 1.0])
         try:

@@ -14,12 +14,14 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.csv_table import parse_csv
-from allegro_twin.spec import SIDES, Side
-from allegro_twin.surfaces.teleop.targets import COUNT, PALM, palm_length
+from allegro_twin.spec import Side
+from allegro_twin.spec.hand import check_side
+from allegro_twin.surfaces.teleop.targets import COUNT, palm_length, wrong_size
 from allegro_twin.types import Array, Vector
 
 HEADER = ["t", *(f"{axis}{k}" for k in range(COUNT) for axis in "xyz")]
 """Columns of a `.csv`: s, then m."""
+_SLOWEST = 1.0  # s between frames: in ms every tracker below 1000 frames/s has more.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,24 +100,29 @@ def _json(content: bytes, path: Path) -> HandTrack:
 
 
 def _frame(frame: Any, where: str) -> tuple[float, Array]:
-    if not isinstance(frame, dict) or not isinstance(frame.get("t"), int | float):
+    t = frame.get("t") if isinstance(frame, dict) else None
+    if not isinstance(t, int | float) or isinstance(t, bool):
         raise ConfigError(f"{where}: needs `t`, s, and `landmarks`")
+    try:
+        t = float(t)
+    except OverflowError as error:
+        raise ConfigError(f"{where}: t has too many digits to be a time, s") from error
     points = frame.get("landmarks")
     if points is None:
-        return float(frame["t"]), np.full((COUNT, 3), np.nan)
+        return t, np.full((COUNT, 3), np.nan)
     if not isinstance(points, list) or len(points) != COUNT:
         raise ConfigError(f"{where}: needs {COUNT} landmarks or null, "
                           f"not {len(points) if isinstance(points, list) else points!r}")  # fmt: skip
     try:
-        return float(frame["t"]), np.array(points, dtype=np.float64).reshape(COUNT, 3)
-    except (TypeError, ValueError) as error:
+        return t, np.array(points, dtype=np.float64).reshape(COUNT, 3)
+    except (TypeError, ValueError, OverflowError) as error:
         raise ConfigError(f"{where}: a landmark is three numbers, m") from error
 
 
 def _side(text: str | None, path: Path) -> Side | None:
-    if text is not None and text not in SIDES:
-        raise ConfigError(f"{path}: side is {' or '.join(SIDES)}, not {text!r}")
-    return text
+    if text is not None:
+        check_side(text, f"{path}: side")
+    return text  # type: ignore[return-value]  # Checked.
 
 
 def _checked(track: HandTrack, path: Path) -> HandTrack:
@@ -127,11 +134,11 @@ def _checked(track: HandTrack, path: Path) -> HandTrack:
     if (np.diff(times) <= 0.0).any():
         k = int(np.argmax(np.diff(times) <= 0.0))
         raise ConfigError(f"{path}: t must ascend; after frame {k} it goes from {times[k]:g} to {times[k + 1]:g} s")
+    if len(times) > 1 and (step := float(np.median(np.diff(times)))) > _SLOWEST:
+        raise ConfigError(f"{path}: a frame every {step:.3g} s follows no hand: t is in s, not in ms or µs")
     whole = np.isfinite(track.landmarks).all(axis=(1, 2))
     if not whole.any():
         raise ConfigError(f"{path}: no frame has a whole hand of {COUNT} landmarks: all have NaN")
-    long = float(np.median([palm_length(points) for points in track.landmarks[whole]]))
-    if not PALM[0] <= long <= PALM[1]:
-        raise ConfigError(f"{path}: {long:.3g} m from the wrist to the middle knuckle is no hand's: landmarks are in m "
-                          "(MediaPipe's world landmarks)")  # fmt: skip
+    if said := wrong_size(float(np.median([palm_length(points) for points in track.landmarks[whole]]))):
+        raise ConfigError(f"{path}: {said}")
     return track

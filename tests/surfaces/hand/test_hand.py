@@ -176,6 +176,7 @@ def test_a_bad_posture_is_refused_before_anything_moves(hand: Hand, posture: obj
             "no profile named 'cubic'; there are: linear, minimum_jerk",
         ),
         (lambda hand: hand.move_to("home", speed="fast"), "speed, in rad/s, is a number; not 'fast'"),
+        (lambda hand: hand.move_to("home", speed=10**400), "speed, in rad/s, is a number; not 1000"),
         (lambda hand: hand.move_to("home", speed=None), "speed, in rad/s, is a number; not None"),
         (lambda hand: hand.move_fingertips({}, speed="fast"), "speed, in m/s, is a number; not 'fast'"),
         (lambda hand: hand.play("ripple", speed="fast"), "speed is a number; not 'fast'"),
@@ -426,6 +427,9 @@ def test_an_orientation_that_a_tip_cannot_have_is_refused_with_the_nearest(hand:
         ConfigError, match=r"index: at .* cannot have euler .* the nearest .* is (\[.*\]), \d\.\d\d rad"
     ) as e:
         hand.move_fingertips({"index": tip.position}, euler={"index": sideways})
+    assert f"euler [{', '.join(f'{angle:.4f}' for angle in sideways)}] rad" in str(e.value)
+    with pytest.raises(ConfigError, match=r"cannot have euler \[0.0000, 90.0000, 0.0000\] rad; .*: 90° is 1.5708 rad$"):
+        hand.move_fingertips({"index": tip.position}, euler={"index": [0, 90, 0]})
     found = re.search(r"there is \[(.*)\]", str(e.value))
     assert found is not None
     assert hand.state.t == before

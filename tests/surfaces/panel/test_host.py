@@ -138,6 +138,39 @@ def test_frames_come_with_the_hands_time_and_a_wish_moves_it(desk: Desk) -> None
     assert desk.page.frame().lost == 0
 
 
+def moved(desk: Desk, joint: int, position: float, over: Callable[[], bool]) -> None:
+    desk.wish(r.MoveJoints.of(16, {joint: position}))
+    desk.until(over)
+
+
+def test_a_goal_whose_driver_has_gone_is_given_up_for_every_page(desk: Desk) -> None:
+    moved(desk, 1, 1.6, lambda: desk.page.frame().position[1] > 0.3)
+    assert desk.page.frame().goal[1] == 1.6
+    desk.wish(r.DriverLeft())
+    desk.until(lambda: desk.page.frame().goal[1] < 1.5)
+    desk.until(lambda: abs(desk.page.frame().position[1] - desk.page.frame().goal[1]) < 0.02)
+    held = desk.page.frame().goal[1]
+    moved(desk, 5, 0.2, lambda: abs(desk.page.frame().position[5] - 0.2) < 0.02)
+    frame = desk.page.frame()
+    assert frame.goal[1] == pytest.approx(held, abs=1e-6)
+    assert frame.position[1] == pytest.approx(held, abs=0.05)
+
+
+def test_a_refused_goal_is_no_goal_and_the_next_one_is_carried_out(desk: Desk) -> None:
+    posture = np.zeros(16)
+    posture[12:] = 1.39, 0.3, 1.0, 1.0  # The thumb across the palm,
+    posture[1] = 1.6  # and the index finger bent beside it.
+    desk.wish(r.MoveJoints(tuple(posture.tolist())))
+    desk.until(lambda: np.abs(desk.page.frame().position - posture).max() < 0.03)
+    desk.wish(r.MoveJoints.of(16, {2: 1.7}))
+    desk.until(lambda: "inside each other" in desk.page.notices())
+    assert desk.page.frame().goal[2] == pytest.approx(posture[2], abs=1e-9)
+    moved(desk, 9, 0.7, lambda: abs(desk.page.frame().position[9] - 0.7) < 0.03)
+    moved(desk, 1, 1.2, lambda: abs(desk.page.frame().position[1] - 1.2) < 0.03)
+    assert desk.page.frame().goal[2] == pytest.approx(posture[2], abs=1e-9)
+    assert desk.page.notices().count("inside each other") == 1
+
+
 def test_a_stop_works_while_a_wish_is_being_planned(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
     planning, go_on = threading.Event(), threading.Event()
     opened = desk.host._session

@@ -28,6 +28,14 @@ def test_of_joint_positions_in_a_row_only_the_newest_waits() -> None:
     ]
 
 
+def test_what_is_asked_of_one_joint_waits_with_what_is_asked_of_another() -> None:
+    waiting = r.RequestQueue()
+    for joint, position in ((1, 0.1), (2, 0.2), (1, 0.3)):
+        waiting.put(r.MoveJoints.of(3, {joint: position}))
+    assert waiting.get(0.0) == r.MoveJoints((None, 0.3, 0.2))
+    assert waiting.get(0.0) is None
+
+
 def test_a_stop_forgets_all_that_waits() -> None:
     waiting = r.RequestQueue()
     waiting.put(r.PerformGrasp("grasp_3"))

@@ -48,7 +48,8 @@ def moment(t: float, **changes: Any) -> StreamFrame:
     plain = StreamFrame(
         1, t, HOME.copy(), np.zeros(n), np.full(n, np.nan), np.full(n, np.nan), {}, "pd", False, 0, (), -1.0, False
     )
-    return plain._replace(**changes)
+    full = plain._replace(**changes)
+    return full._replace(goal=np.where(np.isnan(full.target), full.position, full.target))
 
 
 class Page:
@@ -213,15 +214,37 @@ def test_a_slider_reaches_to_the_limits_in_whole_thousandths_and_moves_one_joint
         assert (slider.step, slider.hint) == (0.001, f"{slider.min:g} to {slider.max:g} rad")
     change(page.at(SPEC.joint_labels[1], "slider"), 0.75)
     (wish,) = page.asked
-    assert isinstance(wish, r.MoveJoints)
-    expected = np.clip(HOME, SPEC.lower, SPEC.upper)
-    expected[1] = 0.75
-    np.testing.assert_allclose(wish.position, expected)
+    assert wish == r.MoveJoints.of(SPEC.n_joints, {1: 0.75})
     change(page.at(SPEC.joint_labels[2], "slider"), 0.5, client=None)  # The program's own.
     assert len(page.asked) == 1
-    change(page.at(SPEC.joint_labels[2], "slider"), 0.5)  # On from what was asked, not from where the hand is.
-    assert isinstance(page.asked[1], r.MoveJoints)
-    assert page.asked[1].position[1:3] == (0.75, 0.5)
+    change(page.at(SPEC.joint_labels[2], "slider"), 0.5)
+    assert page.asked[1] == r.MoveJoints.of(SPEC.n_joints, {2: 0.5})
+
+
+def test_the_next_who_drives_does_not_ask_for_the_goal_of_the_one_before(page: Page) -> None:
+    second = page.come()
+    change(page.at(SPEC.joint_labels[1], "slider"), 1.6)
+    click(page.at("Let go"))
+    click(second.gui.named("Drive"))
+    page.show(moment(2.0))
+    change(second.gui.named(SPEC.joint_labels[5], "slider"), 0.2)
+    asked = page.asked[-1]
+    assert isinstance(asked, r.MoveJoints)
+    assert asked.position[1] != 1.6
+    assert asked.position[5] == 0.2
+
+
+def test_a_goal_that_was_refused_is_not_asked_for_again_and_its_slider_goes_back(page: Page) -> None:
+    slider = page.at(SPEC.joint_labels[2], "slider")
+    change(slider, 1.7)
+    page.session.hear(Notice("index and thumb would be 5.8 mm inside each other", bad=True))
+    page.show(moment(2.0), times=5)
+    assert slider.value == pytest.approx(HOME[2], abs=2e-3)
+    change(page.at(SPEC.joint_labels[9], "slider"), 0.7)
+    asked = page.asked[-1]
+    assert isinstance(asked, r.MoveJoints)
+    assert asked.position[2] != 1.7
+    assert asked.position[9] == 0.7
 
 
 def test_a_slider_begins_at_nought_or_at_the_limit_that_is_nearest() -> None:
@@ -256,7 +279,6 @@ def test_a_slider_that_was_touched_is_left_to_the_person_for_three_looks(page: P
     change(slider, 0.9)
     other = HOME.copy()
     other[5] = 0.2
-    page.session.state._goal = None
     for number in range(3):
         page.show(moment(2.0 + number, target=other))
         assert slider.value == 0.9, number
@@ -274,6 +296,23 @@ def test_only_who_drives_and_while_nothing_is_stopped_has_sliders_that_move(page
     assert page.come().gui.named(SPEC.joint_labels[0], "slider").disabled
 
 
+def test_after_a_stop_the_recording_can_be_ended_and_the_picture_paused(page: Page) -> None:
+    second = page.come()
+    page.show(moment(2.0, stopped=True, recorded=1.0))
+    assert not page.at("End the recording").disabled
+    assert not page.at("Pause the picture").disabled
+    assert page.at("Teach").disabled
+    assert page.at("Repeat what was shown").disabled
+    assert all(second.gui.named(name).disabled for name in ("End the recording", "Pause the picture", "Teach"))
+    click(page.at("End the recording"))
+    assert page.asked == [r.Record(on=False)]
+    click(page.at("Pause the picture"))
+    assert not page.at("Play from there").disabled
+    page.session.hear(SessionEnded("a fault"))
+    assert page.at("Record").disabled, "there is nothing to record"
+    assert not page.at("Pause the picture").disabled
+
+
 def test_a_tip_is_dragged_to_where_its_finger_then_is(page: Page) -> None:
     controls = {name: page.first.scene.at(f"/palm/drag_{name}") for name in ("index", "middle", "ring", "thumb")}
     assert page.session.state.tip_ik is not None
@@ -284,7 +323,8 @@ def test_a_tip_is_dragged_to_where_its_finger_then_is(page: Page) -> None:
     drag(controls["index"], wish)
     (found,) = page.asked
     assert isinstance(found, r.MoveJoints)
-    np.testing.assert_allclose(page.session.state.tip_ik.tip("index", np.array(found.position)), wish, atol=1e-6)
+    posture = [here if asked is None else asked for here, asked in zip(HOME, found.position, strict=True)]
+    np.testing.assert_allclose(page.session.state.tip_ik.tip("index", np.array(posture)), wish, atol=1e-6)
     box = page.at("Drag fingertips")
     change(box, False)
     assert not any(control.visible for control in controls.values())

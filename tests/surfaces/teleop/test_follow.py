@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -129,6 +130,62 @@ def test_frames_without_a_hand_are_not_followed() -> None:
         assert it.hand.fingertips()["middle"].position[2] > 0.12
 
 
+def test_frames_of_another_clock_are_refused_for_the_hand_would_go_on_when_they_stop() -> None:
+    with led(sim_config()) as it:
+        it.hand.wait(0.5)
+        now = it.hand.state.t
+        it.follower.see(now, hand(OPEN))
+        wrong = ((1.8e9, "ahead of it"), (now + 0.31, "ahead of it"), (now - 0.1, "goes back"),
+                 (np.nan, "is not finite"), (np.inf, "is not finite"), (None, "is a number"))  # fmt: skip
+        for t, words in wrong:
+            with pytest.raises(ConfigError, match=words) as refused:
+                it.follower.see(t, hand(OPEN))  # type: ignore[arg-type]  # That is what is tried.
+            assert "\n" not in str(refused.value)
+            assert t is None or "the hand's clock (hand.state.t, now 0.5" in str(refused.value)
+        with pytest.raises(ConfigError, match="ahead of it"):
+            it.follower.look(1.8e9)
+        assert it.follower.tally.followed == 1
+        it.follower.see(now + 0.29, hand(OPEN))
+        it.hand.wait(0.7)
+        it.follower.look(it.hand.state.t)
+        assert "the hand holds" in it.said[-1]
+
+
+def test_a_patience_that_never_ends_is_refused() -> None:
+    for patience in (np.inf, np.nan, 0.0, -1.0):
+        with (
+            pytest.raises(ConfigError, match="patience must be positive and finite"),
+            led(sim_config(), patience=patience),
+        ):
+            pass
+
+
+def test_landmarks_of_another_shape_are_refused_in_one_line_and_lists_are_read() -> None:
+    points = hand(OPEN)
+    with led(sim_config()) as it:
+        shapes: list[Any] = [points[:20], points[None], points.reshape(-1), points[:, :2], np.c_[points, np.ones(21)],
+                             None, [], "hand", [{}], [[10**400] * 3] * 21]  # fmt: skip
+        for wrong in shapes:
+            with pytest.raises(ConfigError, match=r"landmarks (have shape \(21, 3\)|are 21 points)") as refused:
+                it.follower.see(it.hand.state.t, wrong)
+            assert "\n" not in str(refused.value)
+        it.follower.see(it.hand.state.t, points.tolist())
+        assert it.follower.tally.followed == 1
+
+
+def test_a_tracker_in_mm_is_told_the_unit_once() -> None:
+    times, frames = still(0.3)
+    with led(sim_config()) as it:
+        it.play(times, frames * 1000.0)
+        assert it.follower.tally.unseen == len(times)
+        (said,) = it.said
+        assert "90 m from the wrist to the middle knuckle is no hand's: landmarks are in m" in said
+        it.play(times, frames)
+        it.play(times, frames * 100.0)
+        assert "9 m from the wrist" in it.said[-1]
+        assert "the hand holds" in it.said[-1]
+
+
 @pytest.mark.slow
 def test_a_frame_that_jumps_is_not_followed_and_what_stays_there_is() -> None:
     times, frames = still(3.0)
@@ -207,6 +264,11 @@ def test_a_hand_that_does_not_know_where_down_is_is_not_led() -> None:
     config = can_config("v3", gravity=None)
     with led(config) as it, pytest.raises(ConfigError, match="gravity"):
         it.play(*still(0.5))
+
+
+def test_a_tracked_hand_that_is_neither_right_nor_left_is_refused_and_not_mirrored(spec: HandSpec) -> None:
+    with pytest.raises(ConfigError, match="^side is right or left, not 'Right'$"):
+        FingertipTargets(spec, "Right")  # type: ignore[arg-type]  # That is what is tried.
 
 
 def test_a_hand_that_is_no_persons_cannot_be_led(spec: HandSpec, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -43,6 +43,10 @@ def csv_of(times: Any, frames: Any, folder: Path) -> bytes:
     return (folder / "made.csv").read_bytes()
 
 
+def huge(**frame: Any) -> bytes:
+    return json.dumps({"frames": [frame]}).encode()
+
+
 def test_a_table_that_excel_has_saved_is_read(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_bytes(b"\xef\xbb\xbf" + EXAMPLE.read_bytes() + b"\r\n\r\n")
     np.testing.assert_array_equal(read_track(tmp_path / "a.csv").times, read_track(EXAMPLE).times)
@@ -62,11 +66,19 @@ def test_a_file_that_is_no_track_is_refused_in_one_line(tmp_path: Path) -> None:
         "back.csv": (csv_of([0, 2, 1], [one] * 3, tmp_path), "after frame 1 it goes from 2 to 1 s"),
         "still.csv": (csv_of([0, 0], [one] * 2, tmp_path), "t must ascend; after frame 0"),
         "mm.csv": (csv_of([0], [one * 1000.0], tmp_path), "90 m from the wrist to the middle knuckle is no hand's"),
+        "ms.csv": (
+            csv_of([0, 33, 67], [one] * 3, tmp_path),
+            "a frame every 33.5 s follows no hand: t is in s, not in ms or µs",
+        ),
         "bytes.npz": (b"\x00\x01", "not a .npz of plain numbers"),
         "text.json": (b"{", "not valid JSON"),
         "list.json": (b"[]", "must hold a mapping with a list of `frames`"),
         "none.json": (b'{"frames": []}', "holds no frame"),
         "t.json": (b'{"frames": [{"landmarks": null}]}', "frame 0: needs `t`, s, and `landmarks`"),
+        "true.json": (b'{"frames": [{"t": true, "landmarks": null}]}', "frame 0: needs `t`, s, and `landmarks`"),
+        "huge.json": (huge(t=10**400, landmarks=None), "frame 0: t has too many digits"),
+        "huge_t.json": (huge(t=10**400, landmarks=one.tolist()), "frame 0: t has too many digits"),
+        "huge_point.json": (huge(t=0, landmarks=[[10**400, 0, 0]] * 21), "frame 0: a landmark is three numbers, m"),
         "few.json": (b'{"frames": [{"t": 0, "landmarks": [[0, 0, 0]]}]}', "frame 0: needs 21 landmarks or null, not 1"),
         "side.json": (b'{"side": "top", "frames": []}', "side is right or left, not 'top'"),
     }

@@ -60,10 +60,10 @@ class TipHandles:
         state = self._state
         if not self._able or state.tip_ik is None or state.frame is None:
             return
-        found = state.tip_ik.drag(finger, point, state.goal)
+        found = state.tip_ik.drag(finger, point, state.frame.goal)
         if found.posture is not None:
             self._unmark()
-            self._browser.ask(MoveJoints(tuple(found.posture.tolist())))
+            self._browser.ask(MoveJoints.of(self._browser.info.spec.n_joints, found.posture))
             return
         self._mark(point, found.nearest)
         self._say(f"{finger}: out of reach by {1000 * found.distance:.0f} mm; the joints stay")
@@ -74,7 +74,7 @@ class TipHandles:
             return
         self._unmark()
         for finger, control in self._controls.items():
-            tip = self._state.tip_ik.tip(finger, self._state.goal)
+            tip = self._state.tip_ik.tip(finger, frame.goal)
             if np.abs(tip - control.position).max() > _SAME:
                 control.position = tip
 

@@ -45,10 +45,7 @@ class JointSliders:
             if event.client_id is None:
                 return  # It followed the hand.
             self._left_alone = _PAUSE
-            goal = self._browser.state.goal.copy()
-            goal[joint] = event.target.value
-            inside = np.clip(goal, spec.lower, spec.upper)
-            self._browser.ask(MoveJoints(tuple(inside.tolist())))
+            self._browser.ask(MoveJoints.of(spec.n_joints, {joint: event.target.value}))
 
         slider.on_update(moved)
         return slider
@@ -58,7 +55,7 @@ class JointSliders:
         self._left_alone -= 1
         if self._left_alone >= 0:
             return
-        goal, before = self._browser.state.goal, self._before
+        goal, before = frame.goal, self._before
         self._before = goal
         for joint, slider in self._sliders.items():
             # While a joint is on its way its slider rests: the program's and the person's values would cross.

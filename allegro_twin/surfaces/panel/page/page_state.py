@@ -1,4 +1,4 @@
-"""State of the page that all browsers share: the session, its newest minute, the goal of the joints, and who drives."""
+"""State of the page that all browsers share: the session, its newest minute, and who drives."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from allegro_twin.surfaces.panel.requests import IMMEDIATE, DriverLeft, MoveJoints, Request
+from allegro_twin.surfaces.panel.requests import IMMEDIATE, DriverLeft, Request
 from allegro_twin.surfaces.panel.stream import LibraryContents, Notice, SessionInfo, StreamFrame
 from allegro_twin.surfaces.panel.tip_ik import TipIK
 from allegro_twin.types import Array, Vector
@@ -136,29 +136,16 @@ class PageState:
         self.playing = False
         """Earlier frames go by."""
         self.redraw: Callable[[StreamFrame], None] = lambda frame: None
-        self._goal: Vector | None = None
 
     def open(self, info: SessionInfo) -> None:
         """Another session was opened."""
-        self.info, self.frame, self.ended, self.shown, self.playing, self._goal = info, None, "", None, False, None
+        self.info, self.frame, self.ended, self.shown, self.playing = info, None, "", None, False
         self.tip_ik = TipIK(info.spec) if info.arm is None and not info.no_tips else None
-
-    @property
-    def goal(self) -> Vector:
-        """The last goal of the joints, (n,), rad: what a further request begins with."""
-        frame = self.frame
-        assert frame is not None
-        if self._goal is not None:
-            return self._goal
-        return np.where(np.isnan(frame.target), frame.position, frame.target)
 
     def request(self, request: Request) -> None:
         """Pass a request on."""
-        if isinstance(request, IMMEDIATE):
-            self._send(request)
-            return
-        self.notice = Notice("")
-        self._goal = np.array(request.position) if isinstance(request, MoveJoints) else None
+        if not isinstance(request, IMMEDIATE):
+            self.notice = Notice("")
         self._send(request)
 
     def let_go(self, who: int, *, left: bool = False) -> None:

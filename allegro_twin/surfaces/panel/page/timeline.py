@@ -70,10 +70,19 @@ class Timeline:
         update(self._pause, label="Back to now" if back else "Pause the picture")
         update(self._back, visible=back)
         update(self._play, visible=back)
+        self._enable_what_moves_nothing()
 
     def enable(self, on: bool) -> None:
-        for each in (self._record, self._pause, self._back, self._play, self._teach, self._repeat):
+        for each in (self._teach, self._repeat):
             each.disabled = not on
+        self._enable_what_moves_nothing()
+
+    def _enable_what_moves_nothing(self) -> None:
+        """After a stop, too: what led to it is to be kept and looked at."""
+        drives, ended = self._browser.drives, bool(self._browser.state.ended)
+        update(self._record, disabled=not drives or ended)
+        for each in (self._pause, self._back, self._play):
+            update(each, disabled=not drives)
 
     async def _on_pause(self, event: Any) -> None:
         if self._browser.drives:
