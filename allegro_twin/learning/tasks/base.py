@@ -126,6 +126,10 @@ class Task(ABC):
         """Add an object that an option of a reset names. Raises ConfigError."""
         raise ConfigError(f"{self.name} has no objects to choose")
 
+    def object_names(self) -> tuple[str, ...]:
+        """Names of the objects that episodes draw from; a task that has some by default overrides this."""
+        return tuple(map(object_name, self.settings.objects or ()))
+
     def draw_variation(
         self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions
     ) -> None:

@@ -4,7 +4,7 @@ objects."""
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from allegro_twin.errors import ConfigError
 from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.learning.environments.env import HandEnv
+from allegro_twin.learning.environments.objects import ObjectChoice, OwnObject, object_name
 from allegro_twin.learning.environments.settings import EnvSettings, env_keywords
 from allegro_twin.learning.policy.card import check_card
 from allegro_twin.learning.policy.controller import Policy, ZeroPolicy
@@ -31,6 +33,8 @@ SELECTION = 2_000_000_000
 """First seed of the evaluation at the end of a training, which decides whether another one follows."""
 LOOKED_AT = "trained on: by a look"
 """Name of `Recipe.looked_at` in reports."""
+HELD_OUT = "held out"
+"""Name of `Recipe.held_out` in reports."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,10 +49,12 @@ class Comparison:
 
 def compare_policy(path: Path, recipe: Recipe, episodes: int, seed: int = SEED) -> list[Comparison]:
     """Evaluate a policy file in all `evaluation_sets`, in the episodes of the seeds from `seed` on. Raises ConfigError
-    for a policy of another task."""
+    for a policy of another task, and for objects that are held out or looked at and that the training has."""
     loaded = load_policy(path)
     still = ZeroPolicy(loaded.card.action)
-    check_card(loaded.card, make_task(recipe.task, as_shipped(recipe.environment), 1, 1).card())
+    task = make_task(recipe.task, as_shipped(recipe.environment), 1, 1)
+    check_card(loaded.card, task.card())
+    _check_unseen(recipe, task.object_names())
     return [
         Comparison(
             name,
@@ -64,12 +70,58 @@ def evaluation_sets(recipe: Recipe) -> dict[str, EnvSettings]:
     held-out ones; in the fingertips also with sizes and start states that no training has. The physics is the default
     one, whatever the training used."""
     known = as_shipped(recipe.environment)
-    more = {LOOKED_AT: recipe.looked_at, "held out": recipe.held_out}
+    more = {LOOKED_AT: recipe.looked_at, HELD_OUT: recipe.held_out}
     found, other = {"trained on": known}, known
     if "starts" in task_type(recipe.task).own_settings and known.palm == "forbidden" and known.starts == "train":
         other = known.model_copy(update={"starts": "test"})
         found["unseen sizes"] = other
     return found | {name: other.model_copy(update={"objects": objects}) for name, objects in more.items() if objects}
+
+
+def check_objects(recipe: Recipe, source: str = "recipe") -> None:
+    """Raise ConfigError, with `source` and the key, for objects that are held out or looked at and that the training
+    has, and for those that the task or the hand cannot have."""
+    if not (recipe.held_out or recipe.looked_at):
+        return
+    try:
+        task = make_task(recipe.task, as_shipped(recipe.environment), 1, 1)
+    except ConfigError as error:
+        raise ConfigError(f"{source}: {error}") from error
+    _check_unseen(recipe, task.object_names(), f"{source}: ")
+    sets = evaluation_sets(recipe)
+    for name, key in ((LOOKED_AT, "looked_at"), (HELD_OUT, "held_out")):
+        if name in sets:
+            try:
+                make_task(recipe.task, sets[name], 1, 1)
+            except ConfigError as error:
+                raise ConfigError(f"{source}: {key}: {error}") from error
+
+
+def _check_unseen(recipe: Recipe, names: Sequence[str], before: str = "") -> None:
+    """Raise ConfigError, whose text begins with `before`, for an object under two of: the training's, with these
+    `names`; `looked_at`; `held_out`."""
+    known = list(recipe.environment.objects or ())
+    whose = dict.fromkeys(names, "the training's environments")
+    for key in ("looked_at", "held_out"):
+        choices: Sequence[ObjectChoice] = getattr(recipe, key)
+        for choice in choices:
+            name = object_name(choice)
+            twin = next((each for each in known if _same_thing(each, choice)), choice)
+            if (where := whose.get(object_name(twin))) is not None:
+                called = "" if object_name(twin) == name else f" as {object_name(twin)}"
+                raise ConfigError(
+                    f"{before}{key}: {name} is among the objects of {where}{called}: leave it out of one of them"
+                )
+        known += choices
+        whose |= {object_name(choice): key for choice in choices}
+
+
+def _same_thing(one: ObjectChoice, other: ObjectChoice) -> bool:
+    """Whether two objects that a user describes differ in nothing but their names and how they are grasped."""
+    if not (isinstance(one, OwnObject) and isinstance(other, OwnObject)) or one.shape is None:
+        return False
+    of_both = {"name", "like"}
+    return one.model_dump(exclude=of_both) == other.model_dump(exclude=of_both)
 
 
 def seeds_overlap(recipe: Recipe, seed: int, episodes: int) -> str:

@@ -25,7 +25,8 @@ class Recipe(Settings):
     environment: EnvSettings = EnvSettings()
     """Keywords of the training's environments."""
     held_out: tuple[ObjectChoice, ...] = ()
-    """Objects that are kept from training and from every choice about it, for the evaluation."""
+    """Objects that are kept from training and from every choice about it, for the evaluation. One that the training or
+    `looked_at` has is refused, as is one that the hand cannot take."""
     looked_at: tuple[ObjectChoice, ...] = ()
     """Objects that no simulation of the training has, but by which its recipe and length were chosen. They are no more
     independent than those of the training."""

@@ -100,7 +100,7 @@ def _train(folder: Path, content: dict[str, Any], episodes: int) -> dict[str, An
     def advance(steps: int, mean: float, rate: float) -> None:
         report.unlink(missing_ok=True)  # Of an earlier policy.
 
-    trained = train(recipe, folder, advance)
+    trained = train(recipe, folder, advance, source=str(folder))
     judged = json.loads(report.read_text()) if report.is_file() else {}
     if not judged or any(each["policy"]["episodes"] != episodes for each in judged.values()):
         write_report(compare_policy(trained.policy, recipe, episodes, SELECTION), report)
