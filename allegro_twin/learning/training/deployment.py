@@ -39,7 +39,7 @@ def evaluate_on_can(
     returned: list[float] = []
     objects: list[str] = []
     counted: list[float] = []
-    shares: dict[str, list[float]] = {each: [] for each in episode.engine.task.share_terms}
+    shares: dict[str, list[float]] = {}
     name = episode.engine.task.count_term
     for each in range(episodes):
         episode.seed = seed + each
@@ -51,13 +51,13 @@ def evaluate_on_can(
         with closing(_on_bus(episode, version)) as hand:  # Switched on anew: its motors are cold.
             returned.append(sum(_rewards(hand, controller, episode)))
         success.append(episode.success)
-        counted += [episode.count] if name else []
-        for share, values in shares.items():
-            values.append(episode.shares[share])
+        counted += [episode.count] if name in episode.terms else []
+        for share, value in episode.shares.items():
+            shares.setdefault(share, []).append(value)
         objects.append(*episode.report.get("object", [""]))
     named = tuple(objects) if any(objects) else ()
     parts = {name: np.array(values) for name, values in shares.items()}
-    return Evaluation(np.array(success), np.array(returned), named, np.array(counted) if name else None, parts)
+    return Evaluation(np.array(success), np.array(returned), named, np.array(counted) if counted else None, parts)
 
 
 def _rewards(hand: CanBackend, controller: PolicyController, episode: EpisodeBackend) -> Iterator[float]:
