@@ -36,10 +36,12 @@ def train(
     and the mean return and success rate since; `kept` with the actions of the newest checkpoint, at the beginning (0:
     there is none) and whenever one was written. `source`: where
     the recipe comes from, for errors. Raises ConfigError without the extra, for a folder of another training, and for
-    objects of the evaluation that the training has or the hand cannot take; RecordingError where the disk is full."""
-    from allegro_twin.learning.training.report import check_objects
+    objects or episodes of the evaluation that the training has, or the hand cannot take; HandError where the training
+    diverges; RecordingError where the disk is full."""
+    from allegro_twin.learning.training.report import check_objects, check_seeds
 
     check_packages(recipe)
+    check_seeds(recipe, source=source)
     check_objects(recipe, source)
     module = {"rsl-rl": "rsl.ppo", "dagger": "rsl.dagger"}.get(recipe.learner, "sb3.ppo")
     learn = import_module(f"allegro_twin.learning.training.{module}").learn

@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -126,18 +127,38 @@ def _same_thing(one: ObjectChoice, other: ObjectChoice) -> bool:
 
 def seeds_overlap(recipe: Recipe, seed: int, episodes: int) -> str:
     """Which episodes from `seed` on a training of this recipe has used, as text; empty where none."""
-    used = {
-        "the evaluation after every round": range(EVALUATION, EVALUATION + recipe.trials),
-        "the evaluation at the end of a training": range(SELECTION, SELECTION + episodes),
-    }
-    if recipe.learner == "stable-baselines3":
-        for number in range(recipe.rounds):
-            first = round_seed(recipe.seed, number)
-            used[f"round {number + 1} of the training"] = range(first, first + recipe.envs)
-    for name, seeds in used.items():
-        if seed < seeds.stop and seeds.start < seed + episodes:
+    asked = range(seed, seed + episodes)
+    for name, seeds in chain(_evaluation_seeds(recipe, episodes), _round_seeds(recipe)):
+        if _overlap(asked, seeds):
             return name
     return ""
+
+
+def check_seeds(recipe: Recipe, episodes: int = 0, source: str = "recipe") -> None:
+    """Raise ConfigError, with `source`, for a training that would have episodes of its evaluations: of those after
+    every round, and of the `episodes` at its end."""
+    for name, seeds in _round_seeds(recipe):
+        for evaluation, others in _evaluation_seeds(recipe, episodes):
+            if _overlap(seeds, others):
+                raise ConfigError(
+                    f"{source}: seed {recipe.seed}: {name} has episodes of {evaluation}: choose another seed"
+                )
+
+
+def _evaluation_seeds(recipe: Recipe, episodes: int) -> Iterator[tuple[str, range]]:
+    yield "the evaluation after every round", range(EVALUATION, EVALUATION + recipe.trials)
+    yield "the evaluation at the end of a training", range(SELECTION, SELECTION + episodes)
+
+
+def _round_seeds(recipe: Recipe) -> Iterator[tuple[str, range]]:
+    """None of learners whose episodes are drawn otherwise."""
+    for number in range(recipe.rounds if recipe.learner == "stable-baselines3" else 0):
+        first = round_seed(recipe.seed, number)
+        yield f"round {number + 1} of the training", range(first, first + recipe.envs)
+
+
+def _overlap(one: range, other: range) -> bool:
+    return max(one.start, other.start) < min(one.stop, other.stop)
 
 
 def as_shipped(settings: EnvSettings) -> EnvSettings:

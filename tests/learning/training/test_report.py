@@ -26,6 +26,7 @@ from allegro_twin.learning.training.report import (
     Comparison,
     as_shipped,
     check_objects,
+    check_seeds,
     compare_policy,
     evaluation_sets,
     film_policy,
@@ -312,6 +313,57 @@ def test_objects_that_are_held_out_and_cannot_be_are_refused_before_the_first_ac
     code, _, errors = ask(monkeypatch, capfd, "grasp_right", path)
     assert code == 2
     assert f"{path}: {message.split(': ')[0]}: " in " ".join(errors.split())
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({"batch": 1}, "batch 1 has no other advantage to compare with: 2 or more"),
+        ({"envs": 1, "rollout": 1}, "an update of envs times rollout is 1 action"),
+        ({"log_spread": 1000}, "log_spread: input should be less than or equal to 20, not 1000"),
+        ({"log_spread": -1000}, "log_spread: input should be greater than or equal to -20, not -1000"),
+        ({"seed": 2**32}, "seed: input should be less than or equal to 4294967295, not 4294967296"),
+        ({"farthest": [0.5, 1.5]}, r"farthest: Reach has no distance of goals \(Reorient has\): leave it out"),
+        ({"task": "Reorient", "learner": "dagger", "teacher": "x", "farthest": [0.5, 1.5]}, "farthest is for PPO"),
+    ],
+)
+def test_values_that_no_learner_takes_are_refused_with_file_and_key(
+    tmp_path: Path, content: dict[str, Any], message: str
+) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(json.dumps({"task": "Reach"} | content))
+    with pytest.raises(ConfigError, match=f"^{path}: {message}"):
+        load_recipe(str(path))
+
+
+@pytest.mark.parametrize("name", [path.stem for path in (data_root() / "conf" / "training").glob("*.yaml")])
+def test_no_shipped_training_has_the_seeds_of_an_evaluation(name: str) -> None:
+    check_seeds(load_recipe(name), 100_000)
+
+
+def test_a_training_on_the_episodes_of_its_evaluations_is_refused(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    from allegro_twin.learning import training
+
+    monkeypatch.setattr(training, "check_packages", lambda recipe: None)
+    few = {"task": "Reach", "envs": 8, "steps": 512, "round": 256, "rollout": 16, "trials": 3}
+    (tmp_path / "mine.yaml").write_text(json.dumps(few))
+    of_rounds = "round 2 of the training has episodes of the evaluation after every round"
+    with pytest.raises(ConfigError, match=f"^recipe: seed {EVALUATION - ROUND_SEEDS + 2}: {of_rounds}: choose another"):
+        training.train(Recipe.model_validate(few | {"seed": EVALUATION - ROUND_SEEDS + 2}), tmp_path / "out")
+    for seed in (EVALUATION + 3, EVALUATION - 8, SELECTION - 8, SELECTION + 200):
+        check_seeds(Recipe.model_validate(few | {"seed": seed}), 200)
+    check_seeds(Recipe.model_validate(few | {"seed": SELECTION, "learner": "rsl-rl"}), 200)
+    monkeypatch.setattr(
+        "sys.argv", ["allegro-twin", "train", str(tmp_path / "mine.yaml"), "--seed", f"{SELECTION + 199}", "--out",
+                     str(tmp_path / "out")],
+    )  # fmt: skip
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    errors = " ".join(capfd.readouterr().err.split())
+    assert f"seed {SELECTION + 199}: round 1 of the training has episodes of the evaluation at the end of" in errors
 
 
 def test_an_evaluation_of_objects_that_the_training_has_is_refused() -> None:

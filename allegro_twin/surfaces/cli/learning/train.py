@@ -52,6 +52,7 @@ def train(
     from allegro_twin.files.output_folder import lock_folder
     from allegro_twin.learning.training import load_recipe
     from allegro_twin.learning.training import train as learn
+    from allegro_twin.learning.training.report import check_seeds
     from allegro_twin.surfaces.cli import console
 
     logs = None if log is None else [name.strip() for name in log.split(",") if name.strip()]
@@ -64,6 +65,7 @@ def train(
     if jobs > 1:
         raise ConfigError(f"--jobs {jobs} is for the trainings of a sweep: say --sweep FILE, too, or leave it out")
     folder = out or Path("runs") / Path(task).stem.lower()
+    check_seeds(recipe, episodes, task)
     kept = _Kept(folder, recipe)
     with ExitStack() as stack:
         stack.enter_context(options.interruptible(progress=kept.line))
