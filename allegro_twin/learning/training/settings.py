@@ -12,6 +12,7 @@ from allegro_twin.files.schema import Positive, Settings, parse_settings
 from allegro_twin.learning.environments.objects import ObjectChoice
 from allegro_twin.learning.environments.settings import EnvSettings, GoalDistance
 from allegro_twin.learning.tasks import NO_BATCH, explain_no_batch, task_names, task_type
+from allegro_twin.sim.engine.backend import substeps
 
 Count = Annotated[int, Field(ge=1)]
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -96,6 +97,7 @@ class Recipe(Settings):
                 raise ValueError(f"{name} is for learner: rsl-rl")
         if self.farthest is not None:
             self._check_farthest()
+        self._check_steps()
         if self.learner == "stable-baselines3" and self.batch == 1:
             raise ValueError("batch 1 has no other advantage to compare with: 2 or more, or learner: rsl-rl")
         if self.learner != "dagger" and self.update == 1:
@@ -112,6 +114,17 @@ class Recipe(Settings):
                 f"device {self.environment.device} needs learner: rsl-rl or dagger; {self.learner} has cpu"
             )
         return self
+
+    def _check_steps(self) -> None:
+        environment, shipped = self.environment, EnvSettings()
+        try:
+            substeps(environment.period, environment.timestep)
+        except ConfigError as error:
+            raise ValueError(f"environment: {error}") from error
+        try:
+            substeps(environment.period, shipped.timestep)
+        except ConfigError as error:
+            raise ValueError(f"environment: {error}, which evaluations have whatever the training has") from error
 
     def _check_farthest(self) -> None:
         if "farthest" not in task_type(self.task).own_settings:

@@ -24,12 +24,14 @@ from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.mpc import MpcSettings, run_episodes
 from allegro_twin.learning.policy.controller import ZeroPolicy
 from allegro_twin.learning.tasks import GROUP, task_names
+from allegro_twin.learning.tasks.base import Task
 from allegro_twin.learning.tasks.reach import ReachTask
 from allegro_twin.learning.tasks.rotate import RotateTask
 from allegro_twin.learning.training import Recipe, load_recipe, train
 from allegro_twin.learning.training.evaluation import evaluate
 from allegro_twin.learning.training.report import Comparison, compare_policy, write_report
 from allegro_twin.surfaces.cli.console import mpc_table, policy_table
+from allegro_twin.surfaces.cli.learning.envs import environment_table
 
 ROOT = Path(__file__).resolve().parents[3]
 BLOCK = re.compile(r"```python\n# (\w+\.py)\n(.*?)```", re.DOTALL)
@@ -76,6 +78,27 @@ def test_an_evaluation_reports_the_shares_that_a_task_has_and_no_others(level: s
     while not episode.over:
         episode.read()
     assert episode.shares == {}
+
+
+def test_a_task_of_ones_own_is_listed_by_its_name(level: str) -> None:
+    table = environment_table(level)
+    assert [next(iter(column.cells)) for column in table.columns][:2] == [
+        "my_tasks:Level",
+        "keep an object in the fingertips level (privileged: sees what no real hand reports)",
+    ]
+
+
+class Unjudged(Task):
+    name = "Unjudged"
+
+    def variant(self, *given: Any) -> Any: ...
+
+
+def test_a_task_that_lacks_a_method_is_refused_with_what_it_lacks() -> None:
+    with pytest.raises(
+        ConfigError, match=r"task '.*:Unjudged': Unjudged in .* has no begin, outcome: write what every"
+    ):
+        HandEnv(f"{__name__}:Unjudged")
 
 
 @pytest.mark.slow

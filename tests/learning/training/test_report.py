@@ -324,6 +324,8 @@ def test_objects_that_are_held_out_and_cannot_be_are_refused_before_the_first_ac
         ({"log_spread": -1000}, "log_spread: input should be greater than or equal to -20, not -1000"),
         ({"seed": 2**32}, "seed: input should be less than or equal to 4294967295, not 4294967296"),
         ({"farthest": [0.5, 1.5]}, r"farthest: Reach has no distance of goals \(Reorient has\): leave it out"),
+        ({"environment": {"timestep": 3}}, r"environment: period 0\.003 s is not a whole number of physics steps of 3"),
+        ({"environment": {"timestep": 0.0025, "period": 0.0025}}, r"environment: .* 0\.001 s, which evaluations have"),
         ({"task": "Reorient", "learner": "dagger", "teacher": "x", "farthest": [0.5, 1.5]}, "farthest is for PPO"),
     ],
 )
@@ -364,6 +366,17 @@ def test_a_training_on_the_episodes_of_its_evaluations_is_refused(
     assert ended.value.code == 2
     errors = " ".join(capfd.readouterr().err.split())
     assert f"seed {SELECTION + 199}: round 1 of the training has episodes of the evaluation at the end of" in errors
+
+
+def test_a_hand_that_is_on_no_can_bus_is_told_before_the_first_episode(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    from allegro_twin.learning.training import report
+
+    monkeypatch.setattr(report, "compare_policy", lambda *given: pytest.fail("an episode was run"))
+    code, _, errors = ask(monkeypatch, capfd, "reach_right", "Reach", "--hand", "qb_softhand", "--can", 2)
+    assert code == 2
+    assert "is on no CAN bus: leave out --can" in errors
 
 
 def test_an_evaluation_of_objects_that_the_training_has_is_refused() -> None:

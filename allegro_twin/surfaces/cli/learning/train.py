@@ -175,6 +175,10 @@ def evaluate_policy(
         raise ConfigError(f"--can must be 0 to --episodes, which is {episodes}; not {can}")
     loaded = load_recipe(recipe, hand=hand, side=side)
     report.check_objects(loaded, recipe)
+    if can:
+        from allegro_twin.learning.training.deployment import check_can
+
+        check_can(loaded.environment)
     first = report.SEED if seed is None else seed
     if used := report.seeds_overlap(loaded, first, episodes):
         console.warn(
