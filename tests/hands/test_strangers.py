@@ -280,6 +280,16 @@ def test_a_range_of_more_than_a_whole_turn_is_asked_whether_it_is_in_degrees(tmp
     assert not any("turn" in note for note in explore_hand(urdf(tmp_path)).notes)
 
 
+@pytest.mark.parametrize("motor", [MOTOR, SERVO])
+def test_ranges_in_radians_that_are_read_as_degrees_are_asked_about(tmp_path: Path, motor: str) -> None:
+    path = mjcf(tmp_path, motor)
+    assert not any("hardly move" in note for note in explore_hand(path).notes)
+    path.write_text(path.read_text().replace('<compiler angle="radian"/>', ""))
+    (note,) = [note for note in explore_hand(path).notes if "hardly move" in note]
+    assert "f1_1 -0.3 … 1.4, f1_2 0 … 1.5, f2_1" in note
+    assert 'are they in radians? Without <compiler angle="radian"/> an MJCF has degrees' in note
+
+
 def test_a_servo_that_does_not_come_to_rest_is_said_with_how_far_its_joint_still_moves(tmp_path: Path) -> None:
     path = mjcf(tmp_path, SERVO.replace('kv="0.1"', 'kv="0"'))
     path.write_text(path.read_text().replace('damping="0.02"', ""))

@@ -147,7 +147,7 @@ class EpisodeBackend:
         self.reward, self.success = float(outcome.reward[0]), bool(outcome.success[0])
         self.terms = {name: float(rows[0]) for name, rows in outcome.terms.items()}
         self.count = self.terms.get(engine.task.count_term, 0.0)
-        self.shares = {each: self.terms[each] for each in engine.task.share_terms}
+        self.shares = {each: self.terms[each] for each in engine.task.share_terms if each in self.terms}
         self.lost = bool(outcome.failed[0])
         self.over = bool(self.lost or engine.count[0] >= engine.limit)
 

@@ -73,7 +73,7 @@ def run_episodes(
             if shown is not None:
                 shown(env.render())
             advance(done, limit)
-        count = float(info[own.count_term]) if own.count_term else np.nan
+        count = float(info.get(own.count_term, np.nan))
         kind = str(report.get("object", ""))
         tips = float(info.get("by_tips", np.nan))
         kept, good = not failed, bool(info["is_success"])

@@ -79,7 +79,9 @@ class Rollouts:
             worth = self.settings.discount ** (seconds * decision)
             gained = worth * (weight * outcome.reward - seconds * (self.costs() + self._terms(outcome.terms)))
             if self.settings.count:
-                count = outcome.terms[engine.task.count_term]
+                if (name := engine.task.count_term) not in outcome.terms:
+                    raise ConfigError(f"{self._place}count: {engine.task.name} reports no {name}: leave count out")
+                count = outcome.terms[name]
                 gained, before = gained + worth * self.settings.count * (count - before), count
             gained = np.where(np.isfinite(gained), gained, 0.0)
             # Else what fails at once would save the costs of what fails later.

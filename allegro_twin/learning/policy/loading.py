@@ -103,7 +103,7 @@ class _Onnx:
         if isinstance(self._rows, int) and any(len(part) != self._rows for part in feed.values()):
             raise CommandError(f"policy {self._path.name} takes {self._rows} observations at once, not "
                                f"{len(feed[PARTS[0]])}: export it with a free first axis")  # fmt: skip
-        action: Floats = self._session.run(None, feed)[0]
+        action: Floats = _checked_action(self._path, self._session.run(None, feed)[0])
         return action[0] if single else action
 
 
@@ -129,8 +129,7 @@ class _Baselines:
     def __call__(self, observation: Observation) -> Floats:
         parts = _checked_parts(self._path, observation, self._sizes)
         seen = parts if self._whole else parts["observation"]
-        action: Floats = self._model.predict(seen, deterministic=True)[0]
-        return action
+        return _checked_action(self._path, self._model.predict(seen, deterministic=True)[0])
 
 
 def _check_sizes(path: Path, sizes: tuple[object, object], card: PolicyCard) -> None:
@@ -138,6 +137,14 @@ def _check_sizes(path: Path, sizes: tuple[object, object], card: PolicyCard) -> 
     for size, expected, what in zip(sizes, (card.observation, card.action), ("sees", "gives"), strict=True):
         if isinstance(size, int) and size != expected:
             raise ConfigError(f"{path}: the network {what} {size} numbers; its card says {expected}, for {card.task}")
+
+
+def _checked_action(path: Path, action: Floats) -> Floats:
+    """Raise CommandError for an action that is not finite."""
+    if not np.isfinite(action).all():
+        at = np.argwhere(~np.isfinite(action))[0]
+        raise CommandError(f"policy {path.name}: its action is not finite: {action[tuple(at)]} at {at[-1]}")
+    return action
 
 
 def _checked_parts(path: Path, observation: Observation, sizes: Mapping[str, object]) -> dict[str, Floats]:

@@ -59,6 +59,9 @@ def _user_task(name: str) -> type[Task]:
         raise ConfigError(f"task {name!r}: no module {module!r} can be imported: {error}") from error
     if not (isinstance(found, type) and issubclass(found, Task)):
         raise ConfigError(f"task {name!r}: {attribute!r} in {module} is no subclass of allegro_twin.gym.Task")
+    if found.__abstractmethods__:
+        missing = ", ".join(sorted(found.__abstractmethods__))
+        raise ConfigError(f"task {name!r}: {attribute} in {module} has no {missing}: write what every task has")
     return found
 
 

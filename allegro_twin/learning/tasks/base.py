@@ -70,7 +70,8 @@ class Task(ABC):
     interface: Interface
     worlds: SharedModelBatch
     count_term: ClassVar[str] = ""
-    """Term of the outcome that an evaluation reports besides success; its unit is `count_unit`."""
+    """Term of the outcome that an evaluation reports besides success, where outcomes have it; its unit is
+    `count_unit`."""
     count_unit: ClassVar[str] = ""
     count_digits: ClassVar[int] = 2
     """After the point, where that term is printed; 0 for whole numbers."""
@@ -78,7 +79,8 @@ class Task(ABC):
     """Terms of the outcome and their factors in the reward, which settings may change (`EnvSettings.reward`). None for
     a task with goals, whose reward anybody can compute from a state and a goal."""
     share_terms: ClassVar[tuple[str, ...]] = ()
-    """Terms of the outcome that are shares of the episode's time so far, from 0 to 1, which an evaluation reports."""
+    """Terms of the outcome that are shares of the episode's time so far, from 0 to 1. An evaluation reports those that
+    outcomes have."""
     goal_is_orientation: ClassVar[bool] = False
     """Goals are orientations, quaternions w, x, y, z."""
     farthest: float = 0.0
@@ -126,6 +128,10 @@ class Task(ABC):
         """Add an object that an option of a reset names. Raises ConfigError."""
         raise ConfigError(f"{self.name} has no objects to choose")
 
+    def object_names(self) -> tuple[str, ...]:
+        """Names of the objects that episodes draw from; a task that has some by default overrides this."""
+        return tuple(map(object_name, self.settings.objects or ()))
+
     def draw_variation(
         self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions
     ) -> None:
@@ -169,7 +175,8 @@ class Task(ABC):
     def describe_outcome(self, terms: Mapping[str, float], success: bool) -> str:
         """What an episode has come to, from the `terms` of its last step, as text; empty where a task counts
         nothing."""
-        return f"{terms[self.count_term]:.{self.count_digits}f} {self.count_unit}" if self.count_term else ""
+        counted = terms.get(self.count_term)
+        return "" if counted is None else f"{counted:.{self.count_digits}f} {self.count_unit}"
 
     def achieved(self, tick: Ticks) -> Array | None:
         """State to compare with the goal at that decision, shape (n, k), where the interface cannot compute it from the

@@ -177,6 +177,9 @@ class InHandTask(Task):
             self.add_object(options.object, None)
         return drawn * 0 + self._names.index(options.object)
 
+    def object_names(self) -> tuple[str, ...]:
+        return tuple(self._names[: self._n_choices])
+
     def draw_variation(
         self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions
     ) -> None:

@@ -103,6 +103,9 @@ class ScriptedClosingTask(Task):
         self.script: Rows = xp.zeros(n, np.int64)
         self._upward = xp.asarray(np.array([0.0, 0.0, 1.0]))
 
+    def object_names(self) -> tuple[str, ...]:
+        return tuple(map(object_name, self.object_choices()))
+
     @abstractmethod
     def make_scene(self, choice: ObjectChoice, grasp: str | None) -> TaskScene:
         """Make the scene of an object."""

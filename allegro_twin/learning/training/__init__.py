@@ -30,12 +30,19 @@ def train(
     folder: Path,
     advance: Callable[[int, float, float], None] = lambda steps, mean, rate: None,
     kept: Callable[[int], None] = lambda steps: None,
+    source: str = "recipe",
 ) -> TrainingResult:
     """Train in `folder`, or continue what is there. `advance` is called after every update with the actions taken,
     and the mean return and success rate since; `kept` with the actions of the newest checkpoint, at the beginning (0:
-    there is none) and whenever one was written. Raises ConfigError without the extra, or for a folder of another
-    training, and RecordingError where the disk is full."""
+    there is none) and whenever one was written. `source`: where
+    the recipe comes from, for errors. Raises ConfigError without the extra, for a folder of another training, and for
+    objects or episodes of the evaluation that the training has, or the hand cannot take; HandError where the training
+    diverges; RecordingError where the disk is full."""
+    from allegro_twin.learning.training.report import check_objects, check_seeds
+
     check_packages(recipe)
+    check_seeds(recipe, source=source)
+    check_objects(recipe, source)
     module = {"rsl-rl": "rsl.ppo", "dagger": "rsl.dagger"}.get(recipe.learner, "sb3.ppo")
     learn = import_module(f"allegro_twin.learning.training.{module}").learn
     try:

@@ -17,6 +17,7 @@ from allegro_twin.drivers.can.virtual.lockstep import LockstepLink
 from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.description.calibration import Version, load_wiring
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.learning.environments.episode import EpisodeBackend
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.policy.card import check_card
@@ -31,15 +32,14 @@ def evaluate_on_can(
 ) -> Evaluation:
     """Run the episodes of `evaluate` with the same seeds, on a bus in simulated time. What no hand reports does not go
     over the bus: a camera beside the hand gives it. Raises ConfigError for a policy of another task."""
+    check_can(settings)
     loaded, episode = load_policy(policy), EpisodeBackend(task, settings)
-    if "torque" not in episode.spec.commands:
-        raise ConfigError(f"{episode.spec.name} is on no CAN bus: leave out --can")
     check_card(loaded.card, episode.engine.task.card())
     success: list[bool] = []
     returned: list[float] = []
     objects: list[str] = []
     counted: list[float] = []
-    shares: dict[str, list[float]] = {each: [] for each in episode.engine.task.share_terms}
+    shares: dict[str, list[float]] = {}
     name = episode.engine.task.count_term
     for each in range(episodes):
         episode.seed = seed + each
@@ -51,13 +51,21 @@ def evaluate_on_can(
         with closing(_on_bus(episode, version)) as hand:  # Switched on anew: its motors are cold.
             returned.append(sum(_rewards(hand, controller, episode)))
         success.append(episode.success)
-        counted += [episode.count] if name else []
-        for share, values in shares.items():
-            values.append(episode.shares[share])
+        counted += [episode.count] if name in episode.terms else []
+        for share, value in episode.shares.items():
+            shares.setdefault(share, []).append(value)
         objects.append(*episode.report.get("object", [""]))
     named = tuple(objects) if any(objects) else ()
     parts = {name: np.array(values) for name, values in shares.items()}
-    return Evaluation(np.array(success), np.array(returned), named, np.array(counted) if name else None, parts)
+    return Evaluation(np.array(success), np.array(returned), named, np.array(counted) if counted else None, parts)
+
+
+def check_can(settings: EnvSettings) -> None:
+    """Raise ConfigError for environments whose hand is on no CAN bus."""
+    spec = load_spec(settings.hand, settings.side)
+    if "torque" not in spec.commands:
+        raise ConfigError(f"{spec.name} is on no CAN bus: leave out --can")
+    load_wiring(spec.model, spec.serial)
 
 
 def _rewards(hand: CanBackend, controller: PolicyController, episode: EpisodeBackend) -> Iterator[float]:

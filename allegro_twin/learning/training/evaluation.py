@@ -24,9 +24,9 @@ class Evaluation:
     objects: tuple[str, ...]
     """The object of each episode; empty where a task has none."""
     counts: NDArray[np.float64] | None = None
-    """Final values of the task's `count_term`, where it has one: rad turned, goals reached."""
+    """Final values of the task's `count_term`, where its outcomes have one: rad turned, goals reached."""
     shares: dict[str, NDArray[np.float64]] = field(default_factory=dict)
-    """Shares of each episode's time, by name, where the task has such terms: `on_palm`."""
+    """Shares of each episode's time, by name, where the task's outcomes have such terms: `on_palm`."""
 
     @property
     def rate(self) -> float:
@@ -54,18 +54,17 @@ def evaluate(
     env = HandVectorEnv(task, episodes, threads=threads, autoreset_mode="disabled", **env_keywords(settings))
     observation, report = env.reset(seed=seed)
     running = np.ones(episodes, bool)
-    success, returned, counted = np.zeros(episodes, bool), np.zeros(episodes), np.zeros(episodes)
-    name = env.engine.task.count_term
-    shares = {each: np.zeros(episodes) for each in env.engine.task.share_terms}
+    success, returned = np.zeros(episodes, bool), np.zeros(episodes)
+    name, shares = env.engine.task.count_term, env.engine.task.share_terms
+    counted: dict[str, NDArray[np.float64]] = {}
     while running.any():
         observation, reward, terminated, truncated, info = env.step(policy(observation))
         returned += np.where(running, reward, 0.0)
-        if name:
-            counted[running] = info[name][running]
-        for each, share in shares.items():
-            share[running] = info[each][running]
+        for each in {name, *shares} & info.keys():
+            counted.setdefault(each, np.zeros(episodes))[running] = info[each][running]
         ended = running & (terminated | truncated)
         success[ended] = info["is_success"][ended]
         running &= ~ended
     env.close()
-    return Evaluation(success, returned, tuple(report.get("object", ())), counted if name else None, shares)
+    parts = {each: counted[each] for each in shares if each in counted}
+    return Evaluation(success, returned, tuple(report.get("object", ())), counted.get(name), parts)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, HandError
 from allegro_twin.files.assets import find_file, read_yaml
 from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.files.fingerprints import fingerprint, source_fingerprint
@@ -133,6 +134,32 @@ class TrainingResult:
     progress: TrainingProgress
     rate: float
     """Success rate of the last evaluation, on the training's objects."""
+
+
+@contextmanager
+def finite_network(network: Callable[[], Iterable[Any]], recipe: Recipe, steps: int) -> Iterator[None]:
+    """Raise HandError where the tensors of `network`, a policy's weights and spread, are not finite after a round that
+    began after `steps` actions, or when an error ends it: each learner has another error for them."""
+    try:
+        yield
+    except (ValueError, RuntimeError) as error:
+        if not _is_finite(network()):
+            raise _diverged(recipe, steps) from error
+        raise
+    if not _is_finite(network()):
+        raise _diverged(recipe, steps)
+
+
+def _is_finite(tensors: Iterable[Any]) -> bool:
+    return all(bool(each.isfinite().all()) for each in tensors)
+
+
+def _diverged(recipe: Recipe, steps: int) -> HandError:
+    return HandError(
+        f"the training diverged in the round after {steps:,} actions: its policy's weights or spread are not finite: "
+        f"choose a learning_rate below {recipe.learning_rate:g} or a reward_scale below {recipe.reward_scale:g}, and "
+        "another folder"
+    )
 
 
 def training_note(recipe: Recipe, progress: TrainingProgress) -> str:

@@ -4,16 +4,19 @@ objects."""
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from allegro_twin.errors import ConfigError
 from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.learning.environments.env import HandEnv
+from allegro_twin.learning.environments.objects import ObjectChoice, OwnObject, object_name
 from allegro_twin.learning.environments.settings import EnvSettings, env_keywords
 from allegro_twin.learning.policy.card import check_card
 from allegro_twin.learning.policy.controller import Policy, ZeroPolicy
@@ -31,6 +34,8 @@ SELECTION = 2_000_000_000
 """First seed of the evaluation at the end of a training, which decides whether another one follows."""
 LOOKED_AT = "trained on: by a look"
 """Name of `Recipe.looked_at` in reports."""
+HELD_OUT = "held out"
+"""Name of `Recipe.held_out` in reports."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,10 +50,12 @@ class Comparison:
 
 def compare_policy(path: Path, recipe: Recipe, episodes: int, seed: int = SEED) -> list[Comparison]:
     """Evaluate a policy file in all `evaluation_sets`, in the episodes of the seeds from `seed` on. Raises ConfigError
-    for a policy of another task."""
+    for a policy of another task, and for objects that are held out or looked at and that the training has."""
     loaded = load_policy(path)
     still = ZeroPolicy(loaded.card.action)
-    check_card(loaded.card, make_task(recipe.task, as_shipped(recipe.environment), 1, 1).card())
+    task = make_task(recipe.task, as_shipped(recipe.environment), 1, 1)
+    check_card(loaded.card, task.card())
+    _check_unseen(recipe, task.object_names())
     return [
         Comparison(
             name,
@@ -64,7 +71,7 @@ def evaluation_sets(recipe: Recipe) -> dict[str, EnvSettings]:
     held-out ones; in the fingertips also with sizes and start states that no training has. The physics is the default
     one, whatever the training used."""
     known = as_shipped(recipe.environment)
-    more = {LOOKED_AT: recipe.looked_at, "held out": recipe.held_out}
+    more = {LOOKED_AT: recipe.looked_at, HELD_OUT: recipe.held_out}
     found, other = {"trained on": known}, known
     if "starts" in task_type(recipe.task).own_settings and known.palm == "forbidden" and known.starts == "train":
         other = known.model_copy(update={"starts": "test"})
@@ -72,20 +79,86 @@ def evaluation_sets(recipe: Recipe) -> dict[str, EnvSettings]:
     return found | {name: other.model_copy(update={"objects": objects}) for name, objects in more.items() if objects}
 
 
+def check_objects(recipe: Recipe, source: str = "recipe") -> None:
+    """Raise ConfigError, with `source` and the key, for objects that are held out or looked at and that the training
+    has, and for those that the task or the hand cannot have."""
+    if not (recipe.held_out or recipe.looked_at):
+        return
+    try:
+        task = make_task(recipe.task, as_shipped(recipe.environment), 1, 1)
+    except ConfigError as error:
+        raise ConfigError(f"{source}: {error}") from error
+    _check_unseen(recipe, task.object_names(), f"{source}: ")
+    sets = evaluation_sets(recipe)
+    for name, key in ((LOOKED_AT, "looked_at"), (HELD_OUT, "held_out")):
+        if name in sets:
+            try:
+                make_task(recipe.task, sets[name], 1, 1)
+            except ConfigError as error:
+                raise ConfigError(f"{source}: {key}: {error}") from error
+
+
+def _check_unseen(recipe: Recipe, names: Sequence[str], before: str = "") -> None:
+    """Raise ConfigError, whose text begins with `before`, for an object under two of: the training's, with these
+    `names`; `looked_at`; `held_out`."""
+    known = list(recipe.environment.objects or ())
+    whose = dict.fromkeys(names, "the training's environments")
+    for key in ("looked_at", "held_out"):
+        choices: Sequence[ObjectChoice] = getattr(recipe, key)
+        for choice in choices:
+            name = object_name(choice)
+            twin = next((each for each in known if _same_thing(each, choice)), choice)
+            if (where := whose.get(object_name(twin))) is not None:
+                called = "" if object_name(twin) == name else f" as {object_name(twin)}"
+                raise ConfigError(
+                    f"{before}{key}: {name} is among the objects of {where}{called}: leave it out of one of them"
+                )
+        known += choices
+        whose |= {object_name(choice): key for choice in choices}
+
+
+def _same_thing(one: ObjectChoice, other: ObjectChoice) -> bool:
+    """Whether two objects that a user describes differ in nothing but their names and how they are grasped."""
+    if not (isinstance(one, OwnObject) and isinstance(other, OwnObject)) or one.shape is None:
+        return False
+    of_both = {"name", "like"}
+    return one.model_dump(exclude=of_both) == other.model_dump(exclude=of_both)
+
+
 def seeds_overlap(recipe: Recipe, seed: int, episodes: int) -> str:
     """Which episodes from `seed` on a training of this recipe has used, as text; empty where none."""
-    used = {
-        "the evaluation after every round": range(EVALUATION, EVALUATION + recipe.trials),
-        "the evaluation at the end of a training": range(SELECTION, SELECTION + episodes),
-    }
-    if recipe.learner == "stable-baselines3":
-        for number in range(recipe.rounds):
-            first = round_seed(recipe.seed, number)
-            used[f"round {number + 1} of the training"] = range(first, first + recipe.envs)
-    for name, seeds in used.items():
-        if seed < seeds.stop and seeds.start < seed + episodes:
+    asked = range(seed, seed + episodes)
+    for name, seeds in chain(_evaluation_seeds(recipe, episodes), _round_seeds(recipe)):
+        if _overlap(asked, seeds):
             return name
     return ""
+
+
+def check_seeds(recipe: Recipe, episodes: int = 0, source: str = "recipe") -> None:
+    """Raise ConfigError, with `source`, for a training that would have episodes of its evaluations: of those after
+    every round, and of the `episodes` at its end."""
+    for name, seeds in _round_seeds(recipe):
+        for evaluation, others in _evaluation_seeds(recipe, episodes):
+            if _overlap(seeds, others):
+                raise ConfigError(
+                    f"{source}: seed {recipe.seed}: {name} has episodes of {evaluation}: choose another seed"
+                )
+
+
+def _evaluation_seeds(recipe: Recipe, episodes: int) -> Iterator[tuple[str, range]]:
+    yield "the evaluation after every round", range(EVALUATION, EVALUATION + recipe.trials)
+    yield "the evaluation at the end of a training", range(SELECTION, SELECTION + episodes)
+
+
+def _round_seeds(recipe: Recipe) -> Iterator[tuple[str, range]]:
+    """None of learners whose episodes are drawn otherwise."""
+    for number in range(recipe.rounds if recipe.learner == "stable-baselines3" else 0):
+        first = round_seed(recipe.seed, number)
+        yield f"round {number + 1} of the training", range(first, first + recipe.envs)
+
+
+def _overlap(one: range, other: range) -> bool:
+    return max(one.start, other.start) < min(one.stop, other.stop)
 
 
 def as_shipped(settings: EnvSettings) -> EnvSettings:

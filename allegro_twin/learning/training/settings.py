@@ -11,7 +11,8 @@ from allegro_twin.files.assets import data_root, find_file, read_yaml
 from allegro_twin.files.schema import Positive, Settings, parse_settings
 from allegro_twin.learning.environments.objects import ObjectChoice
 from allegro_twin.learning.environments.settings import EnvSettings, GoalDistance
-from allegro_twin.learning.tasks import NO_BATCH, explain_no_batch, task_names
+from allegro_twin.learning.tasks import NO_BATCH, explain_no_batch, task_names, task_type
+from allegro_twin.sim.engine.backend import substeps
 
 Count = Annotated[int, Field(ge=1)]
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -25,7 +26,8 @@ class Recipe(Settings):
     environment: EnvSettings = EnvSettings()
     """Keywords of the training's environments."""
     held_out: tuple[ObjectChoice, ...] = ()
-    """Objects that are kept from training and from every choice about it, for the evaluation."""
+    """Objects that are kept from training and from every choice about it, for the evaluation. One that the training or
+    `looked_at` has is refused, as is one that the hand cannot take."""
     looked_at: tuple[ObjectChoice, ...] = ()
     """Objects that no simulation of the training has, but by which its recipe and length were chosen. They are no more
     independent than those of the training."""
@@ -52,7 +54,7 @@ class Recipe(Settings):
     rollout: Count = 16
     """Actions of each simulation between two updates."""
     batch: Count = 1024
-    """Actions in a mini-batch, at most those of an update."""
+    """Actions in a mini-batch; all of an update that has fewer. With stable-baselines3 2 or more."""
     epochs: Count = 5
     learning_rate: Positive = 5e-4
     """At the beginning; it falls in a straight line to a tenth."""
@@ -67,13 +69,13 @@ class Recipe(Settings):
     hidden: tuple[Count, ...] = (128, 128)
     """Units of each layer, of policy and value alike."""
     activation: Literal["tanh", "elu"] = "elu"
-    log_spread: float = -1.0
+    log_spread: Annotated[float, Field(ge=-20, le=20)] = -1.0
     """Logarithm of the standard deviation of actions at the beginning."""
     reward_scale: Positive = 1.0
     farthest: tuple[GoalDistance, GoalDistance] | None = None
     """For Reorient: distance of goals in the first round and in the last, rad, from 0.3 to π; between them in
     a straight line."""
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Annotated[int, Field(ge=0, le=2**32 - 1)] = 0
     trials: Count = 100
     """Episodes of the evaluation after every round, without noise on the actions."""
 
@@ -93,6 +95,15 @@ class Recipe(Settings):
         for name in ("desired_kl", "start"):
             if getattr(self, name) is not None and self.learner != "rsl-rl":
                 raise ValueError(f"{name} is for learner: rsl-rl")
+        if self.farthest is not None:
+            self._check_farthest()
+        self._check_steps()
+        if self.learner == "stable-baselines3" and self.batch == 1:
+            raise ValueError("batch 1 has no other advantage to compare with: 2 or more, or learner: rsl-rl")
+        if self.learner != "dagger" and self.update == 1:
+            raise ValueError(
+                "an update of envs times rollout is 1 action, with no other to compare with: give more envs"
+            )
         if self.environment.observe:
             raise ValueError(
                 "environment.observe: no learner here has a network for pictures: train with a library of your own on "
@@ -103,6 +114,23 @@ class Recipe(Settings):
                 f"device {self.environment.device} needs learner: rsl-rl or dagger; {self.learner} has cpu"
             )
         return self
+
+    def _check_steps(self) -> None:
+        environment, shipped = self.environment, EnvSettings()
+        try:
+            substeps(environment.period, environment.timestep)
+        except ConfigError as error:
+            raise ValueError(f"environment: {error}") from error
+        try:
+            substeps(environment.period, shipped.timestep)
+        except ConfigError as error:
+            raise ValueError(f"environment: {error}, which evaluations have whatever the training has") from error
+
+    def _check_farthest(self) -> None:
+        if "farthest" not in task_type(self.task).own_settings:
+            raise ValueError(f"farthest: {self.task} has no distance of goals (Reorient has): leave it out")
+        if self.learner == "dagger":
+            raise ValueError("farthest is for PPO: learner dagger has the goals of its environment")
 
     @property
     def update(self) -> int:

@@ -14,7 +14,7 @@ from allegro_twin.files.assets import read_yaml
 from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.files.schema import parse_settings
 from allegro_twin.learning.training import check_packages, train
-from allegro_twin.learning.training.report import SELECTION, compare_policy, write_report
+from allegro_twin.learning.training.report import SELECTION, check_seeds, compare_policy, write_report
 from allegro_twin.learning.training.settings import Recipe
 from allegro_twin.sweep import Local, Sweep, run
 
@@ -62,8 +62,9 @@ def train_variants(
     advance: Callable[[int, int], None] = lambda done, of: None,
 ) -> list[dict[str, Any]]:
     """Train all in folders of their own, `jobs` at once, and judge each in `episodes` episodes. Trainings that were
-    interrupted continue. Returns a row for each, which `sweep.csv` has, too: its values, and success by set of objects,
-    or the `error` with which it ended. Raises ConfigError without the extra."""
+    interrupted continue. Returns a row for each, which `sweep.csv` has, too: its values, the `steps` that were trained
+    (`steps, trained` where steps are among the values), and success by set of objects, or the `error` with which it
+    ended. Raises ConfigError without the extra."""
     for each in variants:
         check_packages(each.recipe)
     items = [
@@ -77,7 +78,11 @@ def train_variants(
     done = run(sweep, None, Local(0 if jobs == 1 else jobs), advance).to_pylist()
     rows = [
         each.values
-        | {name: value for name, value in row.items() if name != "key" and (value is not None or name != "error")}
+        | {
+            f"{name}, trained" if name in each.values else name: value
+            for name, value in row.items()
+            if name != "key" and (value is not None or name != "error")
+        }
         for each, row in zip(variants, done, strict=True)
     ]
     columns = list(dict.fromkeys(name for row in rows for name in row))
@@ -100,7 +105,8 @@ def _train(folder: Path, content: dict[str, Any], episodes: int) -> dict[str, An
     def advance(steps: int, mean: float, rate: float) -> None:
         report.unlink(missing_ok=True)  # Of an earlier policy.
 
-    trained = train(recipe, folder, advance)
+    check_seeds(recipe, episodes, str(folder))
+    trained = train(recipe, folder, advance, source=str(folder))
     judged = json.loads(report.read_text()) if report.is_file() else {}
     if not judged or any(each["policy"]["episodes"] != episodes for each in judged.values()):
         write_report(compare_policy(trained.policy, recipe, episodes, SELECTION), report)

@@ -31,6 +31,7 @@ _UNITS = (
     'Lengths are in metres: a mesh takes scale="0.001 0.001 0.001" for mm, and all other lengths of the file are to be '
     "written in metres"
 )
+_NARROW = np.radians(2 * np.pi)  # rad. A joint's range in radians that is read as degrees is narrower.
 _STEP = 0.01  # rad or m, by which a joint is moved to measure its servo.
 _MOVES = 2e-3  # rad or m. A joint that moves less does not follow.
 _SHARED = 0.05  # Of the way by its first motor. A joint that a second one moves further follows both.
@@ -239,11 +240,21 @@ def _notes(
         raise ConfigError(f"{path}: {size}: is it in mm, or in inches? {_UNITS}")
     if reach < _SMALLEST:
         notes.append(f"{size}: is it in another unit? {_UNITS}")
-    turning = [f"{motor.name} {motor.lower:g} … {motor.upper:g}" for motor in motors
-               if motor.joint is not None and motor.upper - motor.lower > 2 * np.pi + 1e-3
-               and model.jnt_type[motor.joint] == mujoco.mjtJoint.mjJNT_HINGE]  # fmt: skip
+    hinges = [motor for motor in motors
+              if motor.joint is not None and model.jnt_type[motor.joint] == mujoco.mjtJoint.mjJNT_HINGE]  # fmt: skip
+    turning = [f"{motor.name} {motor.lower:g} … {motor.upper:g}" for motor in hinges
+               if motor.upper - motor.lower > 2 * np.pi + 1e-3]  # fmt: skip
     if turning:
         notes.append(f"ranges of more than a whole turn, rad: {', '.join(turning)}: are they in degrees?")
+    narrow = [motor for motor in hinges if motor.upper - motor.lower < _NARROW]
+    if 2 * len(narrow) > len(hinges) and not is_urdf(path):
+        ranges = ", ".join(
+            f"{each.name} {np.degrees(each.lower):.3g} … {np.degrees(each.upper):.3g}" for each in narrow
+        )
+        notes.append(
+            f"most joints hardly move, ranges in degrees: {ranges}: are they in radians? Without "
+            '<compiler angle="radian"/> an MJCF has degrees'
+        )
     called = re.split(r"[^a-z]+", path.stem.lower())
     other: Side = "left" if side == "right" else "right"
     if other in called and side not in called:

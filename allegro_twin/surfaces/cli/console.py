@@ -278,8 +278,10 @@ def policy_table(found: Sequence[Comparison], recipe: Recipe, seed: int) -> Tabl
     title = f"success in the same episodes, seeds from {seed} (95 % interval)"
     table = Table(title=title, title_justify="left", title_style="bold")
     kind = task_type(recipe.task)
-    more = [f"{kind.count_term}, {kind.count_unit}: mean (quartiles)"] if kind.count_term else []
-    more += [f"{_share_name(name)}: policy, no action" for name in kind.share_terms]
+    counts = any(each.policy.counts is not None for each in found)
+    known = [name for name in kind.share_terms if all(name in each.policy.shares for each in found)]
+    more = [f"{kind.count_term}, {kind.count_unit}: mean (quartiles)"] if counts else []
+    more += [f"{_share_name(name)}: policy, no action" for name in known]
     for column in ("objects", "episodes", "policy", "no action", *more):
         table.add_column(column, justify="left" if column == "objects" else "right")
     for each in found:
@@ -287,7 +289,7 @@ def policy_table(found: Sequence[Comparison], recipe: Recipe, seed: int) -> Tabl
         if (counted := each.policy.counts) is not None:
             low, median, high = quartiles(counted)
             shares.append(f"{counted.mean():.1f} ({low:.1f}, {median:.1f}, {high:.1f})")
-        for name in kind.share_terms:
+        for name in known:
             shares.append(", ".join(f"{found.shares[name].mean():.0%}" for found in (each.policy, each.no_action)))
         table.add_row(each.name, str(len(each.policy.success)), *shares)
     return table
@@ -307,7 +309,7 @@ def mpc_table(found: Sequence[MpcEpisode], kind: type[Task], settings: MpcSettin
         table.add_column(column, justify="left" if column == "object" else "right")
     for each in found:
         kept = f"{each.seconds:.1f}" + ("" if each.kept else ", then lost")
-        counted = [f"{each.count:.{kind.count_digits}f}"] if count else []
+        counted = ["–" if math.isnan(each.count) else f"{each.count:.{kind.count_digits}f}"] if count else []
         tips = "–" if math.isnan(each.by_tips) else f"{each.by_tips:.0%}"
         table.add_row(each.object or "–", kept, "yes" if each.success else "no", *counted, tips, f"{each.thinking:.2f}")
     return table

@@ -18,12 +18,20 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.learning import tasks
 from allegro_twin.learning.environments.env import HandEnv
+from allegro_twin.learning.environments.episode import EpisodeBackend
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.mpc import MpcSettings, run_episodes
+from allegro_twin.learning.policy.controller import ZeroPolicy
 from allegro_twin.learning.tasks import GROUP, task_names
+from allegro_twin.learning.tasks.base import Task
 from allegro_twin.learning.tasks.reach import ReachTask
-from allegro_twin.learning.training.settings import load_recipe
+from allegro_twin.learning.tasks.rotate import RotateTask
+from allegro_twin.learning.training import Recipe, load_recipe, train
+from allegro_twin.learning.training.evaluation import evaluate
+from allegro_twin.learning.training.report import Comparison, compare_policy, write_report
+from allegro_twin.surfaces.cli.console import mpc_table, policy_table
+from allegro_twin.surfaces.cli.learning.envs import environment_table
 
 ROOT = Path(__file__).resolve().parents[3]
 BLOCK = re.compile(r"```python\n# (\w+\.py)\n(.*?)```", re.DOTALL)
@@ -45,6 +53,90 @@ def test_the_page_runs_from_an_empty_folder(tmp_path: Path) -> None:
             text=True,
         )
         assert done.returncode == 0, done.stderr[-2000:]
+
+
+@pytest.fixture
+def level(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The page's task, in the current folder."""
+    blocks = dict(BLOCK.findall((ROOT / "docs" / "how-to" / "add_a_task.md").read_text()))
+    (tmp_path / "my_tasks.py").write_text(blocks["my_tasks.py"])
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "my_tasks", raising=False)
+    return "my_tasks:Level"
+
+
+def test_an_evaluation_reports_the_shares_that_a_task_has_and_no_others(level: str, tmp_path: Path) -> None:
+    """The page's task inherits the names of shares and does not report them."""
+    settings = EnvSettings(timestep=0.003, decimation=200)
+    found = evaluate(ZeroPolicy(16), level, settings, 2)
+    assert (found.counts, found.shares) == (None, {})
+    both = [Comparison("trained on", found, found)]
+    assert len(policy_table(both, Recipe(task=level), 0).columns) == 4
+    write_report(both, tmp_path / "evaluation.json")
+    episode = EpisodeBackend(level, settings)
+    episode.reset()
+    while not episode.over:
+        episode.read()
+    assert episode.shares == {}
+
+
+def test_a_task_of_ones_own_is_listed_by_its_name(level: str) -> None:
+    table = environment_table(level)
+    assert [next(iter(column.cells)) for column in table.columns][:2] == [
+        "my_tasks:Level",
+        "keep an object in the fingertips level (privileged: sees what no real hand reports)",
+    ]
+
+
+class Unjudged(Task):
+    name = "Unjudged"
+
+    def variant(self, *given: Any) -> Any: ...
+
+
+def test_a_task_that_lacks_a_method_is_refused_with_what_it_lacks() -> None:
+    with pytest.raises(
+        ConfigError, match=r"task '.*:Unjudged': Unjudged in .* has no begin, outcome: write what every"
+    ):
+        HandEnv(f"{__name__}:Unjudged")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("learner", ["stable-baselines3", "rsl-rl"])
+def test_the_pages_task_trains(level: str, tmp_path: Path, learner: str) -> None:
+    for name in ("torch", "onnx", "onnxruntime", {"rsl-rl": "rsl_rl"}.get(learner, "stable_baselines3")):
+        pytest.importorskip(name, reason="training needs the extras rl and rsl")
+    recipe = Recipe.model_validate({
+        "task": level, "learner": learner, "envs": 2, "rollout": 4, "round": 8, "steps": 8, "batch": 8, "epochs": 1,
+        "hidden": [8], "trials": 1, "environment": {"timestep": 0.003, "decimation": 100}, "log": [],
+    })  # fmt: skip
+    trained = train(recipe, tmp_path / "out")
+    assert trained.progress.steps == 8
+    (compared,) = [each for each in compare_policy(trained.policy, recipe, 1) if each.name == "trained on"]
+    assert compared.policy.shares == {}
+
+
+class Uncounted(RotateTask):
+    """Its outcome has nothing of what it is said to count."""
+
+    name = "Uncounted"
+
+    def outcome(self, *given: Any) -> Any:
+        found = super().outcome(*given)
+        return found._replace(terms={name: value for name, value in found.terms.items() if name != "turned"})
+
+
+def test_a_task_may_inherit_what_is_counted_and_not_report_it() -> None:
+    name, settings = f"{__name__}:Uncounted", EnvSettings(timestep=0.003, decimation=50, objects=("cube",))
+    found = evaluate(ZeroPolicy(16), name, settings, 1)
+    assert found.counts is None
+    assert found.shares.keys() == {"on_palm", "by_tips"}
+    few = MpcSettings(samples=2, horizon=0.3, knots=2)
+    (episode,) = run_episodes(name, settings, few, 1, seconds=0.3)
+    assert np.isnan(episode.count)
+    assert "–" in [next(iter(column.cells)) for column in mpc_table([episode], Uncounted, few, 0).columns]
+    with pytest.raises(ConfigError, match="count: Uncounted reports no turned: leave count out"):
+        run_episodes(name, settings, few.model_copy(update={"count": 1.0}), 1, seconds=0.3)
 
 
 @pytest.mark.parametrize(

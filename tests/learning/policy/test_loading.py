@@ -72,6 +72,16 @@ def test_an_observation_that_a_policy_cannot_take_is_named(onnx_file: Path, card
             policy(observation)
 
 
+def test_an_action_that_is_not_finite_names_its_policy(onnx_file: Path, card: PolicyCard) -> None:
+    onnx = pytest.importorskip("onnx")
+    model = onnx.load(str(onnx_file))
+    model.graph.initializer[0].CopyFrom(onnx.numpy_helper.from_array(np.full((65, 16), np.nan, np.float32), "w"))
+    onnx.save(model, str(onnx_file))
+    write_card(onnx_file, card)
+    with pytest.raises(CommandError, match=r"policy policy\.onnx: its action is not finite: nan at 0"):
+        load_policy(onnx_file).policy(np.ones((2, 65), np.float32))
+
+
 SEES, ROWS = 65, "batch"
 NETWORKS: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     ({}, {"kind": tiny_onnx.DOUBLE}, "observation is a tensor.double. of shape .*; a policy takes and gives float32"),

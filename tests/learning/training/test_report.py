@@ -25,6 +25,8 @@ from allegro_twin.learning.training.report import (
     SELECTION,
     Comparison,
     as_shipped,
+    check_objects,
+    check_seeds,
     compare_policy,
     evaluation_sets,
     film_policy,
@@ -259,11 +261,131 @@ def test_the_shapes_that_are_held_out_are_those_of_the_stated_seed() -> None:
     from benchmarks.shapes import drawn
 
     grasp = load_recipe("grasp_easy")
-    wanted = Recipe.model_validate({"task": "Grasp", "held_out": drawn(10, SHAPES)})
+    fit = [each for each in drawn(10, SHAPES) if each["name"] != "new_sugar_box"]
+    wanted = Recipe.model_validate({"task": "Grasp", "held_out": fit})
     assert wanted.held_out == grasp.held_out
     known = {getattr(each, "name", each) for each in (*(grasp.environment.objects or ()), *grasp.looked_at)}
     assert not known & {getattr(each, "name", each) for each in grasp.held_out}
     assert drawn(10, SHAPES + 1) != drawn(10, SHAPES)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["grasp_easy", "rotate", "rotate_cradle"])
+def test_the_objects_that_shipped_recipes_hold_out_can_be_evaluated(name: str) -> None:
+    check_objects(load_recipe(name))
+
+
+BALL = {"shape": "sphere", "size": [0.06], "mass": 0.05, "like": "tennis_ball"}
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({"environment": {"objects": ["apple"]}, "held_out": ["apple"]},
+         r"held_out: apple is among the objects of the training's environments: leave it out of one of them"),
+        ({"held_out": ["apple"]}, "held_out: apple is among the objects of the training's environments"),
+        ({"held_out": ["scenarios/demo/apple.yaml"]}, "held_out: apple is among the objects of the training's"),
+        ({"looked_at": ["apple"]}, "looked_at: apple is among the objects of the training's environments"),
+        ({"looked_at": ["orange"], "held_out": ["orange"]}, "held_out: orange is among the objects of looked_at"),
+        ({"environment": {"objects": [BALL | {"name": "one"}]}, "held_out": [BALL | {"name": "other"}]},
+         "held_out: other is among the objects of the training's environments as one"),
+        ({"held_out": ["orange", "orange"]}, "held_out: objects has orange twice"),
+        ({"held_out": ["oragne"]}, "held_out: no object named 'oragne'; did you mean 'orange'"),
+        ({"looked_at": ["oragne"]}, "looked_at: no object named 'oragne'; did you mean 'orange'"),
+        ({"environment": {"hand": "qb_softhand", "level": "easy"}, "held_out": ["orange"]}, "held_out: .*orange"),
+        ({"task": "Reach", "held_out": ["apple"]}, "held_out: Reach has no objects to choose"),
+        ({"task": "Rotate", "held_out": ["cube"]}, "held_out: cube is among the objects of the training's"),
+        ({"task": "Rotate", "environment": {"palm": "allowed"}, "held_out": ["rubiks_cube"]}, "held_out: rubiks_cube"),
+    ],
+)  # fmt: skip
+def test_objects_that_are_held_out_and_cannot_be_are_refused_before_the_first_action(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str], content: dict[str, Any],
+    message: str,
+) -> None:  # fmt: skip
+    from allegro_twin.learning import training
+
+    monkeypatch.setattr(training, "check_packages", lambda recipe: None)
+    path = tmp_path / "mine.yaml"
+    path.write_text(json.dumps({"task": "Grasp"} | content))
+    with pytest.raises(ConfigError, match=f"^mine.yaml: {message}"):
+        training.train(load_recipe(str(path)), tmp_path / "out", source="mine.yaml")
+    assert not (tmp_path / "out").exists()
+    code, _, errors = ask(monkeypatch, capfd, "grasp_right", path)
+    assert code == 2
+    assert f"{path}: {message.split(': ')[0]}: " in " ".join(errors.split())
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({"batch": 1}, "batch 1 has no other advantage to compare with: 2 or more"),
+        ({"envs": 1, "rollout": 1}, "an update of envs times rollout is 1 action"),
+        ({"log_spread": 1000}, "log_spread: input should be less than or equal to 20, not 1000"),
+        ({"log_spread": -1000}, "log_spread: input should be greater than or equal to -20, not -1000"),
+        ({"seed": 2**32}, "seed: input should be less than or equal to 4294967295, not 4294967296"),
+        ({"farthest": [0.5, 1.5]}, r"farthest: Reach has no distance of goals \(Reorient has\): leave it out"),
+        ({"environment": {"timestep": 3}}, r"environment: period 0\.003 s is not a whole number of physics steps of 3"),
+        ({"environment": {"timestep": 0.0025, "period": 0.0025}}, r"environment: .* 0\.001 s, which evaluations have"),
+        ({"task": "Reorient", "learner": "dagger", "teacher": "x", "farthest": [0.5, 1.5]}, "farthest is for PPO"),
+    ],
+)
+def test_values_that_no_learner_takes_are_refused_with_file_and_key(
+    tmp_path: Path, content: dict[str, Any], message: str
+) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(json.dumps({"task": "Reach"} | content))
+    with pytest.raises(ConfigError, match=f"^{path}: {message}"):
+        load_recipe(str(path))
+
+
+@pytest.mark.parametrize("name", [path.stem for path in (data_root() / "conf" / "training").glob("*.yaml")])
+def test_no_shipped_training_has_the_seeds_of_an_evaluation(name: str) -> None:
+    check_seeds(load_recipe(name), 100_000)
+
+
+def test_a_training_on_the_episodes_of_its_evaluations_is_refused(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    from allegro_twin.learning import training
+
+    monkeypatch.setattr(training, "check_packages", lambda recipe: None)
+    few = {"task": "Reach", "envs": 8, "steps": 512, "round": 256, "rollout": 16, "trials": 3}
+    (tmp_path / "mine.yaml").write_text(json.dumps(few))
+    of_rounds = "round 2 of the training has episodes of the evaluation after every round"
+    with pytest.raises(ConfigError, match=f"^recipe: seed {EVALUATION - ROUND_SEEDS + 2}: {of_rounds}: choose another"):
+        training.train(Recipe.model_validate(few | {"seed": EVALUATION - ROUND_SEEDS + 2}), tmp_path / "out")
+    for seed in (EVALUATION + 3, EVALUATION - 8, SELECTION - 8, SELECTION + 200):
+        check_seeds(Recipe.model_validate(few | {"seed": seed}), 200)
+    check_seeds(Recipe.model_validate(few | {"seed": SELECTION, "learner": "rsl-rl"}), 200)
+    monkeypatch.setattr(
+        "sys.argv", ["allegro-twin", "train", str(tmp_path / "mine.yaml"), "--seed", f"{SELECTION + 199}", "--out",
+                     str(tmp_path / "out")],
+    )  # fmt: skip
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    errors = " ".join(capfd.readouterr().err.split())
+    assert f"seed {SELECTION + 199}: round 1 of the training has episodes of the evaluation at the end of" in errors
+
+
+def test_a_hand_that_is_on_no_can_bus_is_told_before_the_first_episode(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    from allegro_twin.learning.training import report
+
+    monkeypatch.setattr(report, "compare_policy", lambda *given: pytest.fail("an episode was run"))
+    code, _, errors = ask(monkeypatch, capfd, "reach_right", "Reach", "--hand", "qb_softhand", "--can", 2)
+    assert code == 2
+    assert "is on no CAN bus: leave out --can" in errors
+
+
+def test_an_evaluation_of_objects_that_the_training_has_is_refused() -> None:
+    pytest.importorskip("onnxruntime", reason="the shipped policies are ONNX files: extra policy")
+    grasp = load_recipe("grasp_easy")
+    seen = grasp.model_copy(update={"held_out": (*grasp.held_out, "apple")})
+    policy = data_root() / "conf" / "policies" / "grasp_right.onnx"
+    with pytest.raises(ConfigError, match="held_out: apple is among the objects of the training's environments"):
+        compare_policy(policy, seen, 1)
 
 
 def test_a_rate_is_told_with_where_it_lies_for_few_episodes_say_little() -> None:

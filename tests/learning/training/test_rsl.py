@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, HandError
 from allegro_twin.learning.policy.loading import load_policy
 from allegro_twin.learning.training import Recipe, progress, train
 from allegro_twin.learning.training.progress import check_same_recipe
@@ -118,6 +118,14 @@ def test_a_recipe_for_a_gpu_may_be_followed_on_processors() -> None:
     loaded = load_recipe("rotate_on_palm")
     assert (loaded.task, loaded.learner, loaded.environment.device) == ("Rotate", "rsl-rl", "warp")
     assert load_recipe("rotate", device="cpu").environment.device == "cpu"
+
+
+@pytest.mark.parametrize("learner", ["rsl-rl", "stable-baselines3"])
+def test_a_training_that_diverges_is_refused_in_one_line(tmp_path: Path, learner: str) -> None:
+    pytest.importorskip("rsl_rl" if learner == "rsl-rl" else "stable_baselines3", reason=EXTRA)
+    with pytest.raises(HandError, match=r"the training diverged in the round after 0 actions: .* below 1e\+30"):
+        train(recipe(learner=learner, learning_rate=1e30), tmp_path)
+    assert not list(tmp_path.glob("checkpoints/*"))
 
 
 def test_without_rsl_rl_training_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -91,6 +91,28 @@ def test_a_sweep_trains_all_and_again_only_what_is_left(
     assert "--jobs 2 is for the trainings of a sweep: say --sweep FILE" in errors
 
 
+def test_a_sweep_over_steps_keeps_its_values_beside_the_actions_that_were_trained(tmp_path: Path) -> None:
+    pytest.importorskip("stable_baselines3", reason="training needs the extra rl")
+    variants = read_variants(written(tmp_path, "steps: [32, 40]\n"), Recipe.model_validate(TINY))
+    rows = train_variants(variants, tmp_path / "out", 1)
+    assert [(row["steps"], row["steps, trained"]) for row in rows] == [(32, 32), (40, 32)]
+    with (tmp_path / "out" / "sweep.csv").open() as file:
+        assert [(row["steps"], row["steps, trained"]) for row in csv.DictReader(file)] == [("32", "32"), ("40", "32")]
+
+
+def test_a_training_that_diverges_has_that_in_its_row_and_the_others_go_on(tmp_path: Path) -> None:
+    pytest.importorskip("stable_baselines3", reason="training needs the extra rl")
+    path = written(tmp_path, "learning_rate: [0.001, 1.0e+6]\nseed: [0, 1]\n")
+    rows = train_variants(read_variants(path, Recipe.model_validate(TINY)), tmp_path / "out", 1)
+    assert [row["learning_rate"] for row in rows] == [0.001, 0.001, 1e6, 1e6]
+    assert [row.get("steps") for row in rows] == [32, 32, None, None]
+    for row in rows[2:]:
+        assert "the training diverged in the round after 0 actions" in row["error"]
+        assert "choose a learning_rate below 1e+06" in row["error"]
+    with (tmp_path / "out" / "sweep.csv").open() as file:
+        assert len(list(csv.DictReader(file))) == 4
+
+
 def test_a_training_that_fails_has_its_error_in_its_row(tmp_path: Path) -> None:
     pytest.importorskip("stable_baselines3", reason="training needs the extra rl")
     variants = read_variants(written(tmp_path, "seed: [0, 1]\n"), Recipe.model_validate(TINY))

@@ -7,6 +7,7 @@ which are gigabytes: a continued training collects them anew, and differs from a
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -81,6 +82,10 @@ class DaggerLearner:
     def layers(self) -> PolicyNetwork:
         widths = {"observation": self.card.observation}
         return PolicyNetwork(widths, self._mean.cpu().numpy(), self._scale().cpu().numpy(), None, list(self._net))
+
+    def weights(self) -> Iterable[Any]:
+        found: Iterable[Any] = self._net.parameters()
+        return found
 
     def state_dict(self) -> Any:
         return {"net": self._net.state_dict(), "adam": self._adam.state_dict(), "mean": self._mean, "var": self._var}

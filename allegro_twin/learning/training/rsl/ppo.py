@@ -9,7 +9,7 @@ and two runs differ.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from itertools import accumulate
 from pathlib import Path
@@ -148,6 +148,10 @@ class PpoLearner:
         scale = 1.0 / (normal.std + normal.eps)
         mean, scale = normal.mean.cpu().numpy(), scale.cpu().numpy()
         return PolicyNetwork(self.widths, mean, scale, None, list(actor.mlp), self._turns)
+
+    def weights(self) -> Iterable[Any]:
+        found: Iterable[Any] = self.ppo.get_policy().parameters()
+        return found
 
     def _change(self) -> float:
         """KL divergence of the policy before an update from that after it, mean over the update's observations; it has

@@ -10,6 +10,7 @@ import io
 import pickle
 import random
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -32,6 +33,7 @@ from allegro_twin.learning.training.progress import (
     TrainingResult,
     checked_progress,
     checkpoint_content,
+    finite_network,
     round_length,
     training_note,
     write_recipe,
@@ -69,6 +71,10 @@ class Learner(Protocol):
         """The policy's mean action, for a file."""
         ...
 
+    def weights(self) -> Iterable[Any]:
+        """The policy's parameters."""
+        ...
+
     def state_dict(self) -> Any:
         """Content for `load`."""
         ...
@@ -88,7 +94,8 @@ def train_in_rounds(learner: Learner, recipe: Recipe, folder: Path, advance: Adv
     with TrainingLog(recipe, folder, progress.steps) as log:
         while progress.steps < recipe.total:
             learner.begin(progress)
-            progress = _round(learner, recipe, progress, log, advance)
+            with finite_network(learner.weights, recipe, progress.steps):
+                progress = _round(learner, recipe, progress, log, advance)
             _write(learner, folder, recipe, progress)
             kept(progress.steps)
             to_onnx(learner.layers(), policy, learner.card.model_copy(update={"note": training_note(recipe, progress)}))

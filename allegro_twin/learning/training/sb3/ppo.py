@@ -34,6 +34,7 @@ from allegro_twin.learning.training.progress import (
     TrainingResult,
     checked_progress,
     checkpoint_content,
+    finite_network,
     goal_distance,
     learning_rate,
     round_length,
@@ -63,7 +64,8 @@ def learn(recipe: Recipe, folder: Path, advance: Advance, kept: Kept) -> Trainin
     with TrainingLog(recipe, folder, progress.steps) as log:
         while progress.steps < recipe.total:
             watching = TrainingCallback(log, progress.seconds, advance)
-            _round(model, stable, recipe, progress, watching)
+            with finite_network(lambda: _weights(model.policy), recipe, progress.steps):
+                _round(model, stable, recipe, progress, watching)
             policy = _deterministic(model)
             rate = evaluate(policy, recipe.task, recipe.environment, recipe.trials, seed=EVALUATION).rate
             progress = TrainingProgress(progress.rounds + 1, int(model.num_timesteps), watching.seconds)
@@ -137,6 +139,11 @@ def _losses(model: Any) -> dict[str, float]:
     if "train/entropy_loss" in found:
         found["train/entropy"] = -found.pop("train/entropy_loss")
     return found
+
+
+def _weights(policy: Any) -> list[Any]:
+    """The policy's parameters, and the spread of its actions with its inverse."""
+    return [*policy.parameters(), policy.log_std.exp(), (-policy.log_std).exp()]
 
 
 def _deterministic(model: Any) -> Any:

@@ -9,13 +9,14 @@ from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.gym import NAMESPACE, PICK, VERSION
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.environments.spaces import action_space, describe_space, observation_space
-from allegro_twin.learning.tasks import NO_BATCH, TASKS, make_task
+from allegro_twin.learning.tasks import NO_BATCH, TASKS, make_task, task_names
 
 
 def environment_table(only: str = "") -> Table:
-    """All environments, or those of one task. Raises ConfigError with the nearest names."""
-    if only and only not in (*TASKS, NO_BATCH):
-        raise ConfigError(unknown("task", only, (*TASKS, NO_BATCH)))
+    """All environments, or those of one task, also of an installed package or `module:Class` of your own. Raises
+    ConfigError with the nearest names."""
+    if only and ":" not in only and only not in (known := (*task_names(), NO_BATCH)):
+        raise ConfigError(unknown("task", only, known))
     table = Table(title="environments", title_justify="left", title_style="bold")
     for column in ("id", "what for", "observation", "action", "actions an episode"):
         table.add_column(column, overflow="fold")
@@ -23,7 +24,7 @@ def environment_table(only: str = "") -> Table:
         task = make_task(name, EnvSettings(), 1, 1)
         privileged = " (privileged: sees what no real hand reports)" if task.n_privileged else ""
         table.add_row(
-            f"{NAMESPACE}/{name}-v{VERSION}",
+            task.id,
             task.purpose + privileged,
             describe_space(observation_space(task)),
             describe_space(action_space(task)),

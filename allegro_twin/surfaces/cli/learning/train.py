@@ -52,6 +52,7 @@ def train(
     from allegro_twin.files.output_folder import lock_folder
     from allegro_twin.learning.training import load_recipe
     from allegro_twin.learning.training import train as learn
+    from allegro_twin.learning.training.report import check_seeds
     from allegro_twin.surfaces.cli import console
 
     logs = None if log is None else [name.strip() for name in log.split(",") if name.strip()]
@@ -64,6 +65,7 @@ def train(
     if jobs > 1:
         raise ConfigError(f"--jobs {jobs} is for the trainings of a sweep: say --sweep FILE, too, or leave it out")
     folder = out or Path("runs") / Path(task).stem.lower()
+    check_seeds(recipe, episodes, task)
     kept = _Kept(folder, recipe)
     with ExitStack() as stack:
         stack.enter_context(options.interruptible(progress=kept.line))
@@ -77,7 +79,7 @@ def train(
                 (folder / stale).unlink(missing_ok=True)  # Of an earlier policy.
             bar.update(job, completed=done, description=f"{recipe.task}: return {mean:.2f}, success {rate:.0%}")
 
-        trained = learn(recipe, folder, advance, kept)
+        trained = learn(recipe, folder, advance, kept, task)
         kept.trained = True
         bar.remove_task(job)
         done = trained.progress
@@ -166,15 +168,19 @@ def evaluate_policy(
     from allegro_twin.learning.environments.engine import contradictions
     from allegro_twin.learning.policy.card import read_card
     from allegro_twin.learning.policy.loading import load_policy
-    from allegro_twin.learning.training import load_recipe
-    from allegro_twin.learning.training.report import SEED, compare_policy, evaluation_sets, film_policy, seeds_overlap
+    from allegro_twin.learning.training import load_recipe, report
     from allegro_twin.surfaces.cli import console
 
     if not 0 <= can <= episodes:
         raise ConfigError(f"--can must be 0 to --episodes, which is {episodes}; not {can}")
     loaded = load_recipe(recipe, hand=hand, side=side)
-    first = SEED if seed is None else seed
-    if used := seeds_overlap(loaded, first, episodes):
+    report.check_objects(loaded, recipe)
+    if can:
+        from allegro_twin.learning.training.deployment import check_can
+
+        check_can(loaded.environment)
+    first = report.SEED if seed is None else seed
+    if used := report.seeds_overlap(loaded, first, episodes):
         console.warn(
             f"seeds {first} to {first + episodes - 1}: some are those of {used}: the rates are not of unseen episodes"
         )
@@ -182,13 +188,13 @@ def evaluate_policy(
     for key, its, value in contradictions(read_card(path), loaded.environment, ("palm", "goals")):
         console.warn(f"{policy} was trained with {key} {its}; these episodes have {value}")
     if film is not None:
-        film_policy(load_policy(path).policy, loaded, film, seed=first)
-    console.console.print(console.policy_table(compare_policy(path, loaded, episodes, first), loaded, first))
+        report.film_policy(load_policy(path).policy, loaded, film, seed=first)
+    console.console.print(console.policy_table(report.compare_policy(path, loaded, episodes, first), loaded, first))
     if can:
         from allegro_twin.learning.tasks import task_type
         from allegro_twin.learning.training.deployment import evaluate_on_can
 
-        for name, settings in evaluation_sets(loaded).items():
+        for name, settings in report.evaluation_sets(loaded).items():
             driven = evaluate_on_can(path, loaded.task, settings, can, seed=first)
             share = console.success_rate(driven)
             more = "" if driven.counts is None else f", {driven.counts.mean():.1f} {task_type(loaded.task).count_unit}"
