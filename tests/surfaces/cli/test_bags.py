@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -191,13 +192,20 @@ def test_export_goes_both_ways(
     assert command("export", recording_path, folder, "--format", "rosbag2")[0] == 2  # It is not empty.
 
 
-@pytest.mark.parametrize("name", ["b?x", "b#y", "b%41"])
+@pytest.mark.parametrize(("name", "part"), [("b?x", "?"), ("b#y", "#"), ("b%4a", "%4a")])
 def test_a_rosbag2_is_refused_where_sqlite_takes_its_path_for_another(
-    name: str, recording: Recording, tmp_path: Path
+    name: str, part: str, recording: Recording, tmp_path: Path
 ) -> None:
-    with pytest.raises(ConfigError, match=r"a rosbag2 is written where the path has none of \? # %$"):
+    said = f"{re.escape(name)}: SQLite takes {re.escape(part)} in a path for part of a URI: write .* elsewhere"
+    with pytest.raises(ConfigError, match=said):
         to_rosbag2(recording, tmp_path / "folder" / name)
     assert not (tmp_path / "folder").exists()
+
+
+def test_a_rosbag2_in_a_folder_with_a_percent_sign_comes_back(recording: Recording, tmp_path: Path) -> None:
+    for name in ("100% grip", "50%"):
+        to_rosbag2(recording, tmp_path / name / name)
+        assert len(from_bag(tmp_path / name / name, None, recording.period)) == len(recording)
 
 
 @pytest.mark.parametrize("write", [to_mcap, to_rosbag2])
