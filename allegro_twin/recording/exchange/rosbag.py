@@ -290,7 +290,7 @@ def messages_to_mcap(path: Path, topics: Sequence[BagTopic], messages: Iterable[
 
 
 def _write(recording: Recording, folder: Path, *, mcap: bool) -> None:
-    check_numbers(recording, "a bag")
+    check_numbers(recording, "a bag", nulls=True)
     messages = bag_messages(ros_types(), recording.spec, recording.meta, recording.columns)
     _write_messages(folder, bag_topics(recording.columns), messages, mcap=mcap)
 

@@ -216,6 +216,13 @@ def test_a_column_of_text_is_no_part_of_a_bag_and_is_named(write: Write, recordi
     assert not (tmp_path / "folder").exists() or not list((tmp_path / "folder").iterdir())
 
 
+def test_a_truth_value_that_is_null_is_a_nan_in_a_bag(recording: Recording, tmp_path: Path) -> None:
+    flags = np.array([True, None, *[False] * (len(recording) - 2)], object)
+    to_mcap(replace(recording, columns={**recording.columns, "flag": flags}), tmp_path / "bag.mcap")
+    back = from_bag(tmp_path / "bag.mcap", None, recording.period).columns["flag"]
+    np.testing.assert_array_equal(back[:3, 0], [1.0, np.nan, 0.0])
+
+
 @pytest.mark.parametrize("write", [to_mcap, to_rosbag2])
 def test_a_full_disk_names_the_bag_that_was_asked_for(write: Write, recording: Recording, tmp_path: Path) -> None:
     target = tmp_path / "folder" / "bag.mcap"
