@@ -222,7 +222,8 @@ def frames_of_log(path: Path, bus: str | None = None, found: Found | None = None
                 if getattr(reader, "timestamps_format", "") == "relative":  # Vector's text logs say so.
                     raise _count_from_before(path)
                 where = str(message.channel)
-                found.buses.add(where)
+                if message.channel is not None:  # As of candump's error frames.
+                    found.buses.add(where)
                 if message.is_error_frame or message.is_extended_id or message.is_fd or bus not in (None, where):
                     continue
                 data = b"" if message.is_remote_frame else bytes(message.data)

@@ -324,6 +324,15 @@ def test_a_bus_that_a_log_has_not_is_refused_with_those_that_it_has(tmp_path: Pa
         list(samples_of_log(candump(path, *reports(0.0)[:3]), V4, CanHostSettings(), bus="can0"))
 
 
+def test_an_error_frame_in_a_candump_is_no_bus_of_its_own(tmp_path: Path) -> None:
+    path = candump(tmp_path / "c.log", *reports(0.0))
+    path.write_text(f"(1700000000.000000) can0 20000080#0000000000000000\n{path.read_text()}")
+    for bus in ("None", "x"):
+        with pytest.raises(ConfigError, match=f"c.log: no bus named '{bus}'; there are: can0$"):
+            list(samples_of_log(path, V4, CanHostSettings(), bus=bus))
+    assert len(list(samples_of_log(path, V4, CanHostSettings(), bus="can0"))) == 1
+
+
 @pytest.mark.parametrize(
     ("order", "said"),
     [
