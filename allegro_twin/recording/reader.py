@@ -78,7 +78,8 @@ def parse_stream(content: bytes, name: str) -> ArrowStream:
 
 
 def numpy_column(column: pa.ChunkedArray) -> Array:
-    """Convert a column to an array (k,) or (k, width), read-only. A null, as other programs write NaN, is NaN."""
+    """Convert a column to an array (k,) or (k, width), read-only. A null, as other programs write NaN, is NaN; in a
+    column of something else than numbers, None."""
     if pa.types.is_fixed_size_list(column.type):
         values = np.concatenate([_list_rows(chunk) for chunk in column.chunks])
     else:
@@ -91,9 +92,10 @@ def _list_rows(chunk: Any) -> Array:
     """Rows of lists of one size, (k, width)."""
     width = chunk.type.list_size
     if not chunk.null_count:
-        return np.asarray(chunk.flatten().to_numpy(zero_copy_only=False)).reshape(-1, width)
-    rows: Array = np.full((len(chunk), width), np.nan)
-    rows[chunk.is_valid().to_numpy(zero_copy_only=False)] = _list_rows(chunk.drop_null())
+        return np.asarray(chunk.flatten().to_numpy(zero_copy_only=False)).reshape(len(chunk), width)
+    there = _list_rows(chunk.drop_null())
+    rows: Array = np.full((len(chunk), width), np.nan if there.dtype.kind in "biuf" else None)
+    rows[chunk.is_valid().to_numpy(zero_copy_only=False)] = there
     return rows
 
 

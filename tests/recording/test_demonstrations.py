@@ -74,19 +74,36 @@ def test_a_column_of_text_is_no_part_of_a_lerobot_set_and_is_named(episodes: lis
     assert from_lerobot(tmp_path / "set").columns["flag"].dtype == bool
 
 
-def test_a_column_of_text_comes_back_from_a_minari_set_and_one_of_lists_is_named(
-    episodes: list[Recording], tmp_path: Path
+@pytest.mark.parametrize("value", ["\u00e4", b"\xe4", b"a"])
+def test_a_column_of_text_or_bytes_comes_back_from_a_minari_set_as_it_was(
+    value: str | bytes, episodes: list[Recording], tmp_path: Path
 ) -> None:
     pytest.importorskip("h5py", reason="Minari's files are HDF5: extra demos")
     first = episodes[0]
-    noted, listed = (
-        replace(first, columns={**first.columns, "note": np.array([value] * len(first) + [None], object)[:-1]})
-        for value in ("\u00e4", [1.0])
-    )
-    to_minari([noted], tmp_path / "set-v0")
-    assert from_minari(tmp_path / "set-v0").columns["note"].tolist() == ["\u00e4"] * len(first)
-    with pytest.raises(ConfigError, match="column note has no numbers or text, and a Minari set takes nothing else"):
-        to_minari([listed], tmp_path / "lists-v0")
+    notes = {"note": np.array([value] * len(first), object), "pair": np.array([[value, value]] * len(first), object)}
+    to_minari([replace(first, columns={**first.columns, **notes})], tmp_path / "set-v0")
+    back = from_minari(tmp_path / "set-v0").columns
+    assert [back[name].tolist() for name in notes] == [values.tolist() for values in notes.values()]
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        ([1.0], "no numbers, text or bytes, and a Minari set takes nothing else"),
+        (True, "no numbers, text or bytes, and a Minari set takes nothing else"),
+        ("a\0b", "NUL in it, which a Minari set has no place for"),
+        (b"a\0b", "NUL in it, which a Minari set has no place for"),
+    ],
+)
+def test_a_column_that_is_no_part_of_a_minari_set_is_named(
+    value: object, said: str, episodes: list[Recording], tmp_path: Path
+) -> None:
+    pytest.importorskip("h5py", reason="Minari's files are HDF5: extra demos")
+    first = episodes[0]
+    noted = replace(first, columns={**first.columns, "note": np.array([value] * len(first) + [None], object)[:-1]})
+    with pytest.raises(ConfigError, match=f"column note has {said}: leave the column out"):
+        to_minari([noted], tmp_path / "set-v0")
+    assert not (tmp_path / "set-v0").exists()
 
 
 def test_a_set_in_a_folder_whose_name_is_not_utf8_comes_back_as_it_was(

@@ -124,6 +124,20 @@ def test_a_null_of_another_program_is_a_nan_in_its_own_row(tmp_path: Path, writt
     np.testing.assert_array_equal(found, wanted)
 
 
+@pytest.mark.parametrize(
+    ("value", "blank"), [(["a", "b"], [None, None]), ([[1.0], [2.0]], [None, None]), ([True, False], [np.nan, np.nan])]
+)
+def test_a_null_in_a_column_of_something_else_than_numbers_keeps_every_row_in_its_place(
+    value: list[Any], blank: list[Any], tmp_path: Path, written: Path
+) -> None:
+    own = read_stream(written)
+    kind = pa.list_(pa.array([value]).type.value_type, 2)
+    notes = pa.array([*[value] * 5, None, *[value] * (ROWS - 6)], kind)
+    found = load(write(tmp_path / "null.arrow", own.table.append_column("note", notes), own.meta)).columns["note"]
+    np.testing.assert_array_equal(found[5], np.array(blank))
+    assert [np.asarray(row).tolist() for row in found[[4, 6]].tolist()] == [value] * 2
+
+
 @pytest.mark.parametrize("at", [1, BATCH, BATCH + 50])
 @pytest.mark.parametrize(
     ("changes", "said"),

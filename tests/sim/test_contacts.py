@@ -61,6 +61,8 @@ def test_postures_in_which_something_always_touches_are_refused_with_the_two_bod
         contact_free_postures(model, spec, np.array([spec.rest, spec.rest]), 1)
     bare = compile_scene(spec, Stage(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])))
     np.testing.assert_array_equal(contact_free_postures(bare, spec, spec.rest[None], 1), spec.rest[None])
+    with pytest.raises(ConfigError, match=f"{spec.name}: no postures to look for one .* give one or more"):
+        contact_free_postures(bare, spec, np.empty((0, spec.n_joints)), 1)
 
 
 def test_the_length_is_from_the_centre_to_the_farthest_corner(spec: HandSpec) -> None:

@@ -55,18 +55,22 @@ def check_recordings(recordings: Sequence[Recording], folder: Path) -> None:
             raise ConfigError(f"{other.path} and {first.path} do not both have {differ}: they make two data sets")
 
 
-def check_numbers(recording: Recording, what: str, *, text: bool = False) -> None:
+def check_numbers(recording: Recording, what: str, *, nulls: bool = False, text: bool = False) -> None:
     """Raise ConfigError for a column that somebody added and that has something else than numbers; `what` takes none
-    such, but `text` perhaps."""
+    such, but perhaps truth values with `nulls`, or `text` and bytes without NUL."""
+    out = "leave the column out, or export to .parquet"
     for name, values in recording.columns.items():
         if np.issubdtype(values.dtype, np.number) or values.dtype == bool:
             continue
-        if not text or values.dtype != object or not all(isinstance(value, str) for value in values):
-            kinds = "numbers or text" if text else "numbers"
-            raise ConfigError(
-                f"{recording.path}: column {name} has no {kinds}, and {what} takes nothing else: leave the column out, "
-                "or export to .parquet"
-            )
+        cells: list[Any] = values.ravel().tolist() if values.dtype == object else []
+        kinds = {type(cell) for cell in cells}
+        if nulls and kinds and kinds <= {bool, type(None)}:
+            continue
+        if not text or kinds not in ({str}, {bytes}):
+            takes = "numbers, text or bytes" if text else "numbers"
+            raise ConfigError(f"{recording.path}: column {name} has no {takes}, and {what} takes nothing else: {out}")
+        if any(("\0" if kinds == {str} else b"\0") in cell for cell in cells):
+            raise ConfigError(f"{recording.path}: column {name} has NUL in it, which {what} has no place for: {out}")
 
 
 def action_of(recording: Recording) -> tuple[str, Array]:

@@ -38,7 +38,7 @@ META = "allegro_twin"
 def to_minari(recordings: Sequence[Recording], folder: Path) -> None:
     """Write a new data set, whole or not at all. Minari finds it by its folder, which gives its id (`dataset_id`).
     Raises ConfigError without h5py, for a folder with content or another name, for recordings of different kinds, or
-    for a column of something else than numbers and text; RecordingError when the disk does not allow it."""
+    for a column of something else than numbers, text and bytes; RecordingError when the disk does not allow it."""
     import_h5py()
     check_recordings(recordings, folder)
     for each in recordings:
@@ -107,7 +107,8 @@ def from_minari(folder: Path, episode: int = 0) -> Recording:
                     f"{folder} was not made of recordings of this package: its episodes have no {META}"
                 )
             kept = group["infos"][KEPT].items()
-            texts = {key for key, values in kept if h5py.check_string_dtype(values.dtype)}
+            kinds = {key: h5py.check_string_dtype(values.dtype) for key, values in kept}
+            texts = {key for key, kind in kinds.items() if kind is not None and kind.encoding == "utf-8"}
             columns = {key: (values.asstr() if key in texts else values)[()] for key, values in kept}
             meta = json.loads(group.attrs[META])
     except OSError as error:

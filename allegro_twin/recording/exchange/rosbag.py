@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import sqlite3
 import struct
@@ -33,8 +34,8 @@ from allegro_twin.types import Array, Vector
 SUFFIXES = (".mcap", ".db3", ".bag")
 MEASURED = "joint_states"
 """Last name of a topic on which joints are measured, by the convention of ROS; on others they may be commands."""
-_URI = "?#%"
-"""Signs of a path that rosbags gives to SQLite as they are, which takes them for parts of a URI."""
+_URI = re.compile(r"[?#]|%[0-9a-fA-F]{2}")
+"""Parts of a path that rosbags gives to SQLite as they are, which takes them for those of a URI."""
 _FASTEST = 1e-4  # s; messages that come faster come twice.
 _OFF = 0.2  # Share of the period: further off, the config's period is not the bag's.
 
@@ -268,8 +269,10 @@ def to_rosbag2(recording: Recording, folder: Path) -> None:
     """Write a folder with metadata.yaml and SQLite, which every distribution reads without further packages. Raises
     ConfigError for a folder with content, a path that SQLite does not take or a column of something else than numbers,
     and RecordingError."""
-    if any(sign in _URI for sign in str(folder)):
-        raise ConfigError(f"{folder}: a rosbag2 is written where the path has none of {' '.join(_URI)}")
+    if found := _URI.search(str(folder)):
+        raise ConfigError(
+            f"{folder}: SQLite takes {found[0]} in a path for part of a URI: write the rosbag2 elsewhere, or an .mcap"
+        )
     with atomic_folder(folder) as temporary:
         inner = temporary / "bag"
         _write(recording, inner, mcap=False)
@@ -287,7 +290,7 @@ def messages_to_mcap(path: Path, topics: Sequence[BagTopic], messages: Iterable[
 
 
 def _write(recording: Recording, folder: Path, *, mcap: bool) -> None:
-    check_numbers(recording, "a bag")
+    check_numbers(recording, "a bag", nulls=True)
     messages = bag_messages(ros_types(), recording.spec, recording.meta, recording.columns)
     _write_messages(folder, bag_topics(recording.columns), messages, mcap=mcap)
 

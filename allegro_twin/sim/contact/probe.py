@@ -104,7 +104,9 @@ class ObjectProbe:
 
 def contact_free_postures(model: mujoco.MjModel, spec: HandSpec, postures: Array, count: int) -> Array:
     """The first `count` of some postures (k, n), rad, in which nothing of the scene touches, (count, n). Raises
-    ConfigError, which names two bodies that touch, where there is none."""
+    ConfigError where there is none, which names two bodies that touch, and for no postures at all."""
+    if not len(postures):
+        raise ConfigError(f"{spec.name}: no postures to look for one in which nothing touches: give one or more")
     data = mujoco.MjData(model)
     posed = PostureMap(spec, model)
     found: list[Array] = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -191,13 +192,20 @@ def test_export_goes_both_ways(
     assert command("export", recording_path, folder, "--format", "rosbag2")[0] == 2  # It is not empty.
 
 
-@pytest.mark.parametrize("name", ["b?x", "b#y", "b%41"])
+@pytest.mark.parametrize(("name", "part"), [("b?x", "?"), ("b#y", "#"), ("b%4a", "%4a")])
 def test_a_rosbag2_is_refused_where_sqlite_takes_its_path_for_another(
-    name: str, recording: Recording, tmp_path: Path
+    name: str, part: str, recording: Recording, tmp_path: Path
 ) -> None:
-    with pytest.raises(ConfigError, match=r"a rosbag2 is written where the path has none of \? # %$"):
+    said = f"{re.escape(name)}: SQLite takes {re.escape(part)} in a path for part of a URI: write .* elsewhere"
+    with pytest.raises(ConfigError, match=said):
         to_rosbag2(recording, tmp_path / "folder" / name)
     assert not (tmp_path / "folder").exists()
+
+
+def test_a_rosbag2_in_a_folder_with_a_percent_sign_comes_back(recording: Recording, tmp_path: Path) -> None:
+    for name in ("100% grip", "50%"):
+        to_rosbag2(recording, tmp_path / name / name)
+        assert len(from_bag(tmp_path / name / name, None, recording.period)) == len(recording)
 
 
 @pytest.mark.parametrize("write", [to_mcap, to_rosbag2])
@@ -206,6 +214,13 @@ def test_a_column_of_text_is_no_part_of_a_bag_and_is_named(write: Write, recordi
     with pytest.raises(ConfigError, match="column note has no numbers, and a bag takes nothing else"):
         write(noted, tmp_path / "folder" / "bag.mcap")
     assert not (tmp_path / "folder").exists() or not list((tmp_path / "folder").iterdir())
+
+
+def test_a_truth_value_that_is_null_is_a_nan_in_a_bag(recording: Recording, tmp_path: Path) -> None:
+    flags = np.array([True, None, *[False] * (len(recording) - 2)], object)
+    to_mcap(replace(recording, columns={**recording.columns, "flag": flags}), tmp_path / "bag.mcap")
+    back = from_bag(tmp_path / "bag.mcap", None, recording.period).columns["flag"]
+    np.testing.assert_array_equal(back[:3, 0], [1.0, np.nan, 0.0])
 
 
 @pytest.mark.parametrize("write", [to_mcap, to_rosbag2])

@@ -35,9 +35,11 @@ _BLF_OBJECT = 16
 _READERS: dict[str, Any] = {".blf": can.BLFReader, ".log": can.CanutilsLogReader, ".asc": can.ASCReader}
 _BROKEN = (ValueError, IndexError, KeyError, struct.error, zlib.error, can.CanError, BLFParseError, EOFError)
 
-_CERTAIN, _FEWEST, _OFTEN = 1000, 32, 5.0
-"""Frames after which it is known whether times count from the frame before, least frames to say so, and how often such
-times go through their span."""
+_CERTAIN, _FEWEST = 200, 32
+"""A hand's reports after which it is known whether times count from the frame before, and least reports to say so."""
+_BACK, _AS_FAR = 0.2, 0.5
+"""Share of steps that go back where times count from the frame before, at least: one of four, where a hand's reports
+come in a burst. And how far they go back, as a share of how far the others go forward: as far, but for the ends."""
 
 
 def check_suffix(path: Path) -> None:
@@ -160,31 +162,41 @@ def _cut_block(file: BinaryIO) -> bool:
     return at > end or 0 < end - at < _BLF_OBJECT
 
 
+def _count_from_before(path: Path) -> RecordingError:
+    return RecordingError(
+        f"{path}: its times count from the frame before, of which a reader does not see every one: save it with "
+        "absolute times (candump: -t a)"
+    )
+
+
 class _LogTimes:
-    """Tells times that count from the frame before from those of one clock, which may be set, and whose frames may be a
-    little out of order: a sum of steps that is many times the span from the first to the last."""
+    """Tells times of a hand's reports that count from the frame before from those of clocks, which may be set, begin
+    anew in each of several sessions, or stamp frames a little out of order."""
 
     def __init__(self, path: Path) -> None:
-        self.refusal = (
-            f"{path}: its times count from the frame before, of which a reader does not see every one: save it with "
-            "absolute times (candump: -t a)"
-        )
-        self._forward, self._frames = 0.0, 0
-        self._earliest, self._latest, self._last = math.inf, -math.inf, math.nan
+        self._path = path
+        self._last, self._reports, self._backs = math.nan, 0, 0
+        self._forward, self._back = 0.0, 0.0
 
     def add(self, t: float) -> None:
-        """The next frame's time, s. Raises RecordingError once it is certain."""
-        if t > self._last:
+        """The next report's time, s; 0: none. Raises RecordingError once it is certain."""
+        if t == 0.0:
+            return
+        self._reports += 1
+        if t < self._last:
+            self._backs += 1
+            self._back += self._last - t
+        elif t > self._last:
             self._forward += t - self._last
-        self._earliest, self._latest, self._last = min(self._earliest, t), max(self._latest, t), t
-        self._frames += 1
-        if self._frames == _CERTAIN:
+        self._last = t
+        if self._reports == _CERTAIN:
             self.check()
 
     def check(self) -> None:
         """Raise RecordingError for a log, so far, whose times count from the frame before."""
-        if self._frames >= _FEWEST and self._forward > _OFTEN * (self._latest - self._earliest):
-            raise RecordingError(self.refusal)
+        often = self._reports >= _FEWEST and self._backs >= _BACK * (self._reports - 1)
+        if often and self._back >= _AS_FAR * self._forward:
+            raise _count_from_before(self._path)
 
 
 def frames_of_log(path: Path, bus: str | None = None, found: Found | None = None) -> Iterator[tuple[Stamped, str]]:
@@ -196,7 +208,7 @@ def frames_of_log(path: Path, bus: str | None = None, found: Found | None = None
     check_suffix(path)
     found = found if found is not None else Found()
     lines: _Lines | None = None
-    times, heard = _LogTimes(path), 0
+    heard = 0
     try:
         # Opened here, for a reader that does not like what it finds leaves its file open.
         with path.open("rb") as file:
@@ -208,10 +220,10 @@ def frames_of_log(path: Path, bus: str | None = None, found: Found | None = None
             for message in reader:
                 heard += 1
                 if getattr(reader, "timestamps_format", "") == "relative":  # Vector's text logs say so.
-                    raise RecordingError(times.refusal)
-                times.add(message.timestamp)
+                    raise _count_from_before(path)
                 where = str(message.channel)
-                found.buses.add(where)
+                if message.channel is not None:  # As of candump's error frames.
+                    found.buses.add(where)
                 if message.is_error_frame or message.is_extended_id or message.is_fd or bus not in (None, where):
                     continue
                 data = b"" if message.is_remote_frame else bytes(message.data)
@@ -219,12 +231,10 @@ def frames_of_log(path: Path, bus: str | None = None, found: Found | None = None
                 yield Stamped(frame, message.timestamp), where
             if lines is not None and lines.cut:
                 found.cut = "line"
-            times.check()
     except RecordingError:
         raise
     except _BROKEN as error:
         if heard and found.cut and isinstance(error, struct.error):
-            times.check()
             return  # The head of the last block is cut.
         if heard and lines is not None:
             raise RecordingError(f"{path}, line {lines.number}: no frame that python-can can read: {error}") from error
@@ -251,11 +261,14 @@ def samples_of_log(
     Raises RecordingError or ConfigError.
     """
     found = found if found is not None else Found()
-    heard = Samples(codec, settings, found, side)
+    heard, times = Samples(codec, settings, found, side), _LogTimes(path)
     for (frame, t), where in frames_of_log(path, bus, found):
+        if frame.id in codec.positions.fingers and not frame.remote:
+            times.add(t)
         sample = heard.hear(frame, t, where)
         if sample is not None:
             yield sample
+    times.check()
     last = heard.end()
     if last is None and bus is not None and bus not in found.buses:
         raise ConfigError(f"{path}: {unknown('bus', bus, sorted(found.buses))}")

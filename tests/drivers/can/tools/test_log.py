@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from contextlib import nullcontext
 from itertools import pairwise
 from pathlib import Path
@@ -104,7 +105,61 @@ def test_a_log_whose_times_count_from_the_frame_before_is_refused_and_one_of_a_s
         exported(can_config("v4"), tmp_path / "relative.asc")
     assert len(list(frames_of_log(tmp_path / "absolute.asc"))) == 8
     set_back = [(t - 5.0 if t > 0.03 else t, *rest) for t, *rest in said]
-    assert len(list(frames_of_log(candump(tmp_path / "clock.log", *set_back)))) == len(said)  # type: ignore[arg-type]
+    assert len(list(samples_of_log(candump(tmp_path / "clock.log", *set_back), V4, CanHostSettings()))) == 20  # type: ignore[arg-type]
+
+
+Said = list[tuple[float, str, Message | Frame]]
+
+
+def _of_two_clocks(said: Said) -> Said:
+    return [each for t, _, one in said for each in ((t, "can0", one), (t + 500.0, "can1", one))]
+
+
+def _with_sent_frames_at_zero(said: Said) -> Said:
+    own = [[(-1_700_000_000.0, bus, one) for _, bus, one in torques(0.0, 0.1)] for _ in said[::4]]
+    return [each for k, sent in enumerate(own) for each in (*said[4 * k : 4 * k + 4], *sent)]
+
+
+def _in_blocks_of_eight_buses(said: Said) -> Said:
+    return [(t, f"can{n}", one) for k in range(0, 400, 80) for n in range(8) for t, _, one in said[k : k + 80]]
+
+
+def _stamped_out_of_order(said: Said) -> Said:
+    late = np.random.default_rng(1).uniform(0.0, 1e-3, len(said))
+    return [(t + late[k], *rest) for k, (t, *rest) in enumerate(said)]
+
+
+def _in_eight_sessions(said: Said) -> Said:
+    return [each for k in range(0, 400, 52) for each in said[: min(52, 400 - k)]]
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        _of_two_clocks,
+        _with_sent_frames_at_zero,
+        _in_blocks_of_eight_buses,
+        _stamped_out_of_order,
+        _in_eight_sessions,
+    ],
+)
+def test_a_log_of_several_clocks_or_sessions_is_read(changed: Callable[[Said], Said], tmp_path: Path) -> None:
+    said = [each for k in range(100) for each in reports(0.003 * k)]
+    log = candump(tmp_path / "c.log", *changed(said))
+    assert len(list(samples_of_log(log, V4, CanHostSettings(), bus="can0"))) == 100
+
+
+@pytest.mark.parametrize(("late", "begins"), [(0.0, 0), (0.0, 5), (5e-5, 0), (5e-5, 5)])
+def test_delta_times_are_known_by_how_often_they_go_back(late: float, begins: int, tmp_path: Path) -> None:
+    """With an even clock and an uneven one, and where the hand is switched on while the log runs."""
+    wait, later = [20.0 if k >= begins else 0.0 for k in range(100)], np.random.default_rng(1).uniform(0.0, late, 800)
+    said = [
+        each for k in range(100) for each in (*reports(0.003 * k + wait[k]), *torques(0.003 * k + wait[k] + 1e-3, 0.1))
+    ]
+    stamps = [t + later[k] for k, (t, _, _) in enumerate(said)]
+    steps = [(now - before, *rest) for before, now, (_, *rest) in zip([stamps[0], *stamps], stamps, said, strict=False)]
+    with pytest.raises(RecordingError, match="its times count from the frame before"):
+        list(samples_of_log(candump(tmp_path / "c.log", *steps), V4, CanHostSettings()))
 
 
 def test_a_log_of_another_version_is_refused_where_its_joints_stand_beyond_their_ends(tmp_path: Path) -> None:
@@ -267,6 +322,15 @@ def test_a_bus_that_a_log_has_not_is_refused_with_those_that_it_has(tmp_path: Pa
         list(samples_of_log(path, V4, CanHostSettings(), bus="vcan"))
     with pytest.raises(RecordingError, match=r"no whole v4 hand in 3 frames$"):
         list(samples_of_log(candump(path, *reports(0.0)[:3]), V4, CanHostSettings(), bus="can0"))
+
+
+def test_an_error_frame_in_a_candump_is_no_bus_of_its_own(tmp_path: Path) -> None:
+    path = candump(tmp_path / "c.log", *reports(0.0))
+    path.write_text(f"(1700000000.000000) can0 20000080#0000000000000000\n{path.read_text()}")
+    for bus in ("None", "x"):
+        with pytest.raises(ConfigError, match=f"c.log: no bus named '{bus}'; there are: can0$"):
+            list(samples_of_log(path, V4, CanHostSettings(), bus=bus))
+    assert len(list(samples_of_log(path, V4, CanHostSettings(), bus="can0"))) == 1
 
 
 @pytest.mark.parametrize(
