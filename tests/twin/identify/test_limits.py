@@ -131,23 +131,51 @@ def test_the_sweep_leaves_no_joint_out_and_ends_at_rest(spec: HandSpec) -> None:
     np.testing.assert_array_equal(path(path.seconds).position, rest)
 
 
-@pytest.mark.parametrize("speed", [0.0, 0.05, 0.3])
-def test_a_joint_that_had_not_come_to_rest_before_it_was_called_back_was_at_no_stop(
-    spec: HandSpec, speed: float
-) -> None:
-    """It comes with little torque, and then goes on against much: a joint that is at rest there is at a stop."""
-    samples = []
-    for k in range(300):
-        t, still, position = 0.003 * k, np.zeros(16), spec.lower + 0.2
-        position[1] += min(k, 100) * 0.003 * 2.0 + max(min(k, 250) - 100, 0) * 0.003 * speed
-        torque = np.where(np.arange(16) == 1, 0.1 if k < 100 else 0.25 if k < 250 else -0.25, 0.0)
+def pressed(spec: HandSpec, speed: float, seconds: float) -> FoundLimits:
+    """Of joint 1, which comes at 0.8 rad/s with little torque, and then goes on for so long against much."""
+    samples, period, came = [], 0.003, 200
+    for k in range(came + round(seconds / period) + 50):
+        t, still, position = period * k, np.zeros(16), spec.lower + 0.2
+        on = min(max(k - came, 0), round(seconds / period))
+        position[1] += min(k, came) * period * 0.8 + on * period * speed
+        torque = np.where(np.arange(16) == 1, 0.1 if k < came else 0.25 if on < round(seconds / period) else -0.25, 0.0)
         state = HandState(t, k, frozen(position), frozen(still), frozen(still), frozen(still), frozen(np.zeros(3)))
         samples.append(Sample(state, TorqueCommand(frozen(torque))))
-    found = limits_in_samples(samples, np.full(16, TORQUE))
+    return limits_in_samples(samples, np.full(16, TORQUE))
+
+
+@pytest.mark.parametrize(("speed", "seconds"), [(0.025, 0.38), (0.04, 0.3), (0.05, 0.45), (0.3, 0.45), (0.8, 0.3)])
+def test_a_joint_that_had_not_come_to_rest_before_it_was_called_back_was_at_no_stop(
+    spec: HandSpec, speed: float, seconds: float
+) -> None:
+    found = pressed(spec, speed, seconds)
     assert found.at_stop is not None
     assert found.creep is not None
-    assert bool(found.at_stop[1, 1]) == (speed == 0.0)
+    assert not found.at_stop[1, 1]
     assert found.creep[1, 1] == pytest.approx(speed, abs=1e-6)
+
+
+@pytest.mark.parametrize("seconds", [0.06, 0.1, 0.15, 0.19, 0.45])
+def test_a_joint_that_stands_at_its_stop_is_at_rest_however_lately_it_came(spec: HandSpec, seconds: float) -> None:
+    """A shifted encoder has the stop near the sweep's end."""
+    found = pressed(spec, 0.0, seconds)
+    assert found.at_stop is not None
+    assert found.creep is not None
+    assert found.at_stop[1, 1]
+    assert not found.creep.any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("offset", [0.29, 0.31])
+def test_stops_of_a_smaller_range_are_found_by_encoders_that_are_off_by_all_that_the_sweep_allows(
+    offset: float, spec: HandSpec, make_sim: MakeSim
+) -> None:
+    hidden = replace(spec, lower=frozen(spec.lower + 0.015), upper=frozen(spec.upper - 0.015))
+    posture = hidden.posture(load_posture("calibrate", spec))
+    found = sweep(Shifted(make_sim(hidden, posture=posture), frozen(np.full(16, offset)), spec))
+    check_both_ends(found, spec)
+    np.testing.assert_allclose(found.lower - offset, hidden.lower, atol=0.01)
+    np.testing.assert_allclose(found.upper - offset, hidden.upper, atol=0.01)
 
 
 def test_without_samples_there_are_no_limits() -> None:

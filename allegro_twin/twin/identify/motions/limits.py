@@ -24,9 +24,10 @@ _ALIKE = 0.03  # rad. By so much the shifts of both ends may differ: an offset i
 _NEAR = 0.01  # rad. So near its furthest a joint stands there.
 _APPROACH = 0.05  # rad before that, over which the torque that moves a joint is looked at.
 _STOOD = 0.05  # s.
-# s, rad/s, rad. A joint that in so long before it is called back goes on faster, and by more than an encoder's noise,
-# is not at rest.
+# s, rad/s, rad. A joint that in so long, at most, before it is called back goes on faster, and by more than the noise
+# of an encoder, is not at rest. Of the time since it came `_NEAR`, the first half is its arrival.
 _REST, _CREPT, _RESTS = 0.2, 0.02, 0.003
+_EASED = 0.8  # Of the most torque in that time. With less, what friction holds slows down before it is called back.
 _SPARE = 0.8  # Of the torque against which a joint stood; it must have come there with less.
 _MET = 0.03  # rad. Closer to the sweep's end than this, a joint did not stop at its stop, but where it was sent.
 _RUN, _RAN, _MUCH = 0.1, 0.15, 0.5  # s, rad, of the most torque. The sweep asks for 0.8 rad/s; a finger without motors
@@ -130,9 +131,14 @@ def _creep(t: Vector, position: Vector, torque: Vector) -> float:
     eased = np.flatnonzero((torque[furthest:] <= 0.0) | (position[furthest:] < position[furthest] - _NEAR))
     pressed = np.flatnonzero(torque[: furthest + int(eased[0])] > 0.0) if len(eased) else np.arange(len(t))
     last = int(pressed[-1]) if len(pressed) else 0
-    first = int(np.searchsorted(t, t[last] - _REST))
-    if first == last or t[furthest] - t[last] > _REST:
+    if last == 0 or t[furthest] - t[last] > _REST:
         return 0.0
+    start = int(np.searchsorted(t, t[last] - _REST))
+    driven = torque[start : last + 1]
+    last = max(start + int(np.flatnonzero(driven >= _EASED * driven.max())[-1]), 1)
+    away = np.flatnonzero(position[:last] < position[last] - _NEAR)
+    came = t[away[-1] + 1] if len(away) else t[0]
+    first = min(int(np.searchsorted(t, max(t[last] - _REST, (came + t[last]) / 2.0))), last - 1)
     way = float(position[last] - position[first])
     speed = way / float(t[last] - t[first])
     return speed if way > _RESTS and speed > _CREPT else 0.0
