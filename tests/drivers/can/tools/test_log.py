@@ -7,6 +7,7 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import can
 import numpy as np
@@ -188,6 +189,15 @@ def test_a_v5_hands_log_is_refused_as_a_v4_hands_by_its_pressures(tmp_path: Path
         with pytest.raises(ConfigError, match=r"^frame .* is a v5 hand's pressure .* no v4 hand has: correct `backend"):
             exported(own, log)
         exported(can_config("v5"), log)
+
+
+@pytest.mark.parametrize("shape", [{"remote": True}, {"data": bytes(4)}])
+def test_a_frame_of_another_device_with_a_pressures_identifier_does_no_harm_to_a_v4_hands_log(
+    shape: dict[str, Any], tmp_path: Path
+) -> None:
+    other = Frame(make_codec("v5").encode(m.FingertipPressure((0, 1), (0.0, 0.0))).id, **shape)
+    log = candump(tmp_path / "c.log", *reports(0.0), (0.001, "can0", other), *reports(0.003), *reports(0.006))
+    assert len(list(samples_of_log(log, V4, CanHostSettings()))) == 3
 
 
 def test_a_log_in_which_a_hand_says_another_side_or_version_than_the_config_is_refused(tmp_path: Path) -> None:
