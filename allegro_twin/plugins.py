@@ -6,7 +6,6 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeVar
 
@@ -224,10 +223,14 @@ class PluginController:
     """
 
     def __init__(
-        self, controller: Controller[Any], kind: str, before: Callable[[HandState], None] = lambda state: None
+        self,
+        controller: Controller[Any],
+        kind: str,
+        look: Callable[[Controller[Any], HandState], None] = lambda controller, state: None,
     ) -> None:
-        """`before`: looks at the first state before the controller starts; it may raise HandError."""
-        self._inner, self._kind, self._before = controller, kind, before
+        """`look`: looks at the started controller, and the state that it started from, before its first command; it may
+        raise HandError."""
+        self._inner, self.kind, self._look = controller, kind, look
 
     @classmethod
     def make(cls, kind: ControllerKind[S], settings: S, context: ControllerContext, name: str) -> MadeController:
@@ -240,14 +243,15 @@ class PluginController:
             )
         return made if is_own(type(made.controller)) else made._replace(controller=cls(made.controller, name))
 
-    def preceded(self, before: Callable[[Controller[Any], HandState], None]) -> PluginController:
-        """Copy at which `before` looks, with the first state, before it starts."""
-        return PluginController(self._inner, self._kind, partial(before, self._inner))
+    def looked_at(self, look: Callable[[Controller[Any], HandState], None]) -> PluginController:
+        """Copy at which `look` looks once it has started, before its first command."""
+        return PluginController(self._inner, self.kind, look)
 
     def start(self, state: HandState) -> Any:
-        self._before(state)
         with self._call("start"):
-            return self._inner.start(state)
+            memory = self._inner.start(state)
+        self._look(self._inner, state)
+        return memory
 
     def __call__(self, state: HandState, memory: Any) -> tuple[Command, Any]:
         with self._call("__call__"):
@@ -255,21 +259,32 @@ class PluginController:
         if isinstance(answer, tuple) and len(answer) == 2 and isinstance(answer[0], TorqueCommand | PositionCommand):
             return answer
         raise HandFault(
-            f"controller {self._kind}: {_name(type(self._inner))}.__call__ returns {_short(answer)}; it returns a "
+            f"controller {self.kind}: {_name(type(self._inner))}.__call__ returns {_short(answer)}; it returns a "
             "command (TorqueCommand, PositionCommand) and its memory: see to its package"
         )
 
     def _call(self, method: str) -> AbstractContextManager[None]:
         controller = type(self._inner)
-        return as_plugin_fault(controller, f"controller {self._kind}: {_name(controller)}.{method}", "controller")
+        return as_plugin_fault(controller, f"controller {self.kind}: {_name(controller)}.{method}", "controller")
 
 
 def reference_of(controller: Controller[Any]) -> Any:
     """The reference that a controller follows; None where there is none. Of another package's controller, such as a
     subclass of PD, one of this package counts."""
     inner = unwrapped(controller)
-    reference = getattr(inner, "reference", None)
+    reference = member_of(inner, "reference")
     return reference if inner is controller or is_own(type(reference)) else None
+
+
+def member_of(controller: Any, name: str) -> Any:
+    """A member of a controller; None where it has none, and where another package's has a property that raises, as
+    before `start` it may: that it shows more than the contract asks is of no one else's concern."""
+    try:
+        return getattr(controller, name, None)
+    except Exception:
+        if is_own(type(controller)):
+            raise
+        return None
 
 
 def unwrapped(controller: Controller[Any]) -> Controller[Any]:

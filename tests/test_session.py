@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -18,14 +18,18 @@ from PIL import Image
 import allegro_twin
 from allegro_twin.app import Rig, assemble, session
 from allegro_twin.app.config import RunConfig
+from allegro_twin.app.controllers import with_speed_check
 from allegro_twin.app.session import Outputs, perform
+from allegro_twin.control.controllers import PD, ReferenceMemory
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.evaluation.rejudge import write_reports
 from allegro_twin.grasping.verdict import TrialReport
 from allegro_twin.hands.library.library import load_posture
+from allegro_twin.plugins import PluginController
 from allegro_twin.recording.reader import load
-from allegro_twin.types import Sample
+from allegro_twin.sim.contact.collision_free_paths import CollisionFreeMove
+from allegro_twin.types import HandState, Sample, Vector
 from allegro_twin.viewing import camera
 from allegro_twin.viewing.stills import picture_all
 from tests.full_disk import full_disk
@@ -153,6 +157,38 @@ def test_the_target_of_a_motion_is_counted_from_the_state_it_began_at(tmp_path: 
     for sample in beside.followed(iter(samples)):
         expected = path(sample.state.t - samples[0].state.t).position
         np.testing.assert_array_equal(beside()["target"], expected)
+
+
+class TheirPD(PD):
+    """A package's controller on the base of this one's."""
+
+    did: ClassVar[list[str]] = []
+
+    def start(self, state: HandState) -> ReferenceMemory:
+        self.did.append("started")
+        return super().start(state)
+
+
+def test_the_path_of_a_packages_controller_is_planned_once_before_it_starts_and_its_targets_are_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings, did, prepare = config(), list[str](), CollisionFreeMove.prepare
+
+    def prepared(move: CollisionFreeMove, position: Vector) -> None:
+        did.append("planned")
+        prepare(move, position)
+
+    monkeypatch.setattr(CollisionFreeMove, "prepare", prepared)
+    monkeypatch.setattr(TheirPD, "did", did)
+    rig = assemble(settings)
+    assert isinstance(rig.controller, PD)
+    theirs = TheirPD(rig.controller.reference, rig.controller.gains, rig.controller.gravity)
+    controller = with_speed_check(PluginController(theirs, "mine"), rig.check_speed)
+    perform(replace(rig, controller=controller), settings, Outputs(tmp_path / "a.arrow"))
+    assert did == ["planned", "started"]
+    columns = load(tmp_path / "a.arrow").columns
+    path = theirs.reference.begin(columns["position"][0])
+    np.testing.assert_array_equal(columns["target"], [path(t).position for t in columns["t"]])
 
 
 class _With:

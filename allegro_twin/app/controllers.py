@@ -24,7 +24,15 @@ from allegro_twin.backend import limp_of
 from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import find_file
-from allegro_twin.plugins import CONTROLLERS, ControllerContext, ControllerKind, MadeController, PluginController
+from allegro_twin.plugin_faults import as_plugin_fault
+from allegro_twin.plugins import (
+    CONTROLLERS,
+    ControllerContext,
+    ControllerKind,
+    MadeController,
+    PluginController,
+    member_of,
+)
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import ArmSpec
 from allegro_twin.types import HandState, Vector, frozen
@@ -66,17 +74,23 @@ def make_controller(
 def with_speed_check(controller: Any, check: SpeedCheck) -> Any:
     """The controller; a motion that it follows is looked at before it begins."""
     from allegro_twin.control.controllers import PD
-    from allegro_twin.control.trajectory import Moves
+    from allegro_twin.control.trajectory import Moves, Trajectory
     from allegro_twin.sim.contact.collision_free_paths import CollisionFreeMove
 
     if isinstance(controller, PluginController):  # Of another package's class nobody can make a changed copy.
 
         def look(theirs: Any, state: HandState) -> None:
-            for each in (theirs, getattr(theirs, "reach", None)):
-                if isinstance(reference := getattr(each, "reference", None), Moves | CollisionFreeMove):
-                    reference.checked(check).begin(state.position)
+            for each in (theirs, member_of(theirs, "reach")):
+                reference = member_of(each, "reference")
+                if not isinstance(reference, Moves | CollisionFreeMove):
+                    continue
+                kind = type(reference)
+                with as_plugin_fault(kind, f"controller {controller.kind}: {kind.__qualname__}.begin", "controller"):
+                    path: object = reference.begin(state.position)  # As it was planned at the start.
+                if isinstance(path, Trajectory):
+                    check(path.peak, "the motion")
 
-        return controller.preceded(look)
+        return controller.looked_at(look)
     reach, reference = getattr(controller, "reach", None), getattr(controller, "reference", None)
     if isinstance(reach, PD):
         return replace(controller, reach=with_speed_check(reach, check))

@@ -201,6 +201,76 @@ def test_a_motion_that_a_packages_controller_follows_is_looked_at_before_it_begi
     assert len(looked) == 3
 
 
+class OwnGoal(Moves):
+    """A package's motion, with arguments of its own."""
+
+    def __init__(self, seconds: float) -> None:
+        super().__init__([Waypoint(np.full(16, 0.5), seconds=seconds)])
+
+
+class Once(OwnGoal):
+    begun = False
+
+    def begin(self, position: Vector) -> Any:
+        if self.begun:
+            raise KeyError("begun")
+        object.__setattr__(self, "begun", True)
+        return super().begin(position)
+
+
+class Late:
+    """A package's controller that has a reference once it has started."""
+
+    def __init__(self, reference: Moves | None) -> None:
+        self._later, self._started = reference, False
+
+    @property
+    def reference(self) -> Moves:
+        if not self._started or self._later is None:
+            raise RuntimeError("not started")
+        return self._later
+
+    reach = reference
+
+    def start(self, state: HandState) -> Any:
+        self._started = True
+
+    def __call__(self, state: HandState, memory: Any) -> Any:
+        return limp_of(load_spec()), memory
+
+
+def test_a_property_of_a_packages_controller_may_raise_until_it_has_started_or_always() -> None:
+    state = Good().reset()
+
+    def check(peak: Vector, what: str) -> None:
+        if peak.max() > 6.0:
+            raise ConfigError(f"{what} is too fast")
+
+    for reference in (OwnGoal(5.0), None):
+        controller = PluginController(Late(reference), "mine")
+        assert reference_of(controller) is None
+        memory = with_speed_check(controller, check).start(state)
+        controller(state, memory)
+    with pytest.raises(ConfigError, match="the motion is too fast"):
+        with_speed_check(PluginController(Late(OwnGoal(0.05)), "mine"), check).start(state)
+
+
+def test_a_packages_motion_may_be_made_and_fail_in_its_own_way() -> None:
+    """One that begins only once is told as what its package raises."""
+    state, gains = Good().reset(), load_gains("default", load_spec())
+    looked = list[float]()
+
+    def check(peak: Vector, what: str) -> None:
+        looked.append(float(peak.max()))
+
+    with_speed_check(PluginController(TheirPD(OwnGoal(5.0), gains), "mine"), check).start(state)
+    assert len(looked) == 1
+    with pytest.raises(
+        HandFault, match=r"controller mine: Once.begin raises KeyError: 'begun' \(.*test_plugin_backend"
+    ):
+        with_speed_check(PluginController(TheirPD(Once(5.0), gains), "mine"), check).start(state)
+
+
 def test_a_reference_of_a_packages_controller_counts_where_it_is_one_of_this_package() -> None:
     reference = Hold(np.zeros(16))
     assert reference_of(PluginController(TheirPD(reference, load_gains("default", load_spec())), "mine")) is reference

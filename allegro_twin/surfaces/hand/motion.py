@@ -33,7 +33,7 @@ from allegro_twin.files.schema import check_gravity
 from allegro_twin.kinematics.hand import HandKinematics, hand_kinematics
 from allegro_twin.kinematics.orientation import STANDARD_GRAVITY
 from allegro_twin.loop import paced, run
-from allegro_twin.plugins import unwrapped
+from allegro_twin.plugins import member_of, unwrapped
 from allegro_twin.sim.contact.collision_free_paths import CollisionFreePaths
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.hand.loop_thread import LoopThread
@@ -171,7 +171,8 @@ class MotionControl:
         self._watch: MotionMonitor | None = None
         self._sag = servo_sag(rig.spec, self.model)
         self._gravity = GravityFeedforward(self.model.gravity_torque)
-        self._motion: MotionFeedforward | None = getattr(unwrapped(rig.controller), "motion", None)  # As it asks.
+        motion = member_of(unwrapped(rig.controller), "motion")
+        self._motion = motion if isinstance(motion, MotionFeedforward) else None  # As the controller asks.
         self._limp = ConstantCommand(limp_of(rig.spec))
         self._relay = BumplessSwitch(self._limp if first is None else first.controller, rig.spec.actuation.torque_limit)
         self.check_speed = rig.check_speed
