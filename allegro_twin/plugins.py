@@ -243,7 +243,7 @@ class PluginController:
             )
         return made if is_own(type(made.controller)) else made._replace(controller=cls(made.controller, name))
 
-    def looked_at(self, look: Callable[[Controller[Any], HandState], None]) -> PluginController:
+    def with_look(self, look: Callable[[Controller[Any], HandState], None]) -> PluginController:
         """Copy at which `look` looks once it has started, before its first command."""
         return PluginController(self._inner, self.kind, look)
 

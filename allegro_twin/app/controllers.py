@@ -90,7 +90,7 @@ def with_speed_check(controller: Any, check: SpeedCheck) -> Any:
                 if isinstance(path, Trajectory):
                     check(path.peak, "the motion")
 
-        return controller.looked_at(look)
+        return controller.with_look(look)
     reach, reference = getattr(controller, "reach", None), getattr(controller, "reference", None)
     if isinstance(reach, PD):
         return replace(controller, reach=with_speed_check(reach, check))
