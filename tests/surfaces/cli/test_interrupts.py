@@ -82,7 +82,7 @@ def test_an_interruption_says_what_is_not_written(
 def test_an_interrupted_training_says_what_is_kept_and_how_it_goes_on(
     tmp_path: Path, command: Run, monkeypatch: pytest.MonkeyPatch, checkpoints: tuple[int, ...], there: bool, said: str
 ) -> None:
-    def train(recipe: Any, folder: Path, advance: Any, kept: Callable[[int], None]) -> None:
+    def train(recipe: Any, folder: Path, advance: Any, kept: Callable[[int], None], source: str) -> None:
         for steps in checkpoints:
             kept(steps)
         raise KeyboardInterrupt
