@@ -364,10 +364,11 @@ def scenario_protocol(scenario: Scenario, path: Path) -> TrialProtocol:
         raise ConfigError(f"{path}: protocol: {error}") from error
 
 
-def check_object_files(scenario: Scenario, path: Path) -> None:
-    """Raise ConfigError for an object of the scenario in a file whose own file is missing."""
+def check_object_files(scenario: Scenario, path: Path, *, replaced: bool = False) -> None:
+    """Raise ConfigError for an object of the scenario in a file whose own file is missing. `replaced`: the first one is
+    not the scenario's own."""
     for index, each in enumerate(scenario.objects):
-        if each.file is not None and not is_file(path.parent / each.file):
+        if (index or not replaced) and each.file is not None and not is_file(path.parent / each.file):
             raise ConfigError(f"{path}: objects.{index}.file: no file at {path.parent / each.file}")
 
 

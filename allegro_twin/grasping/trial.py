@@ -307,7 +307,7 @@ def make_trial(
         raise ConfigError(f"{path} is for the hand {settings.model}; this one is {spec.model}: name another grasp, too")
     if object_name is not None:
         settings = with_object(settings, object_name)
-    check_object_files(settings, path)
+    check_object_files(settings, path, replaced=object_name is not None)
     chosen = scenario_grasp(settings, path, spec, grasp)
     protocol = scenario_protocol(settings, path)
     return Trial(settings, spec, chosen, folder=path.parent, period=period, start=start, protocol=protocol)

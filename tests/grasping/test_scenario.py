@@ -289,6 +289,16 @@ def test_what_is_replaced_by_another_object_or_protocol_need_not_be_there(tmp_pa
         load_case(case | {"object": None}, spec)
 
 
+def test_a_mesh_that_was_named_in_the_place_of_an_object_and_is_missing_is_not_told_of_the_scenario(
+    tmp_path: Path, spec: HandSpec
+) -> None:
+    path = tmp_path / "it.yaml"
+    path.write_text(GOOD)
+    with pytest.raises(ConfigError, match="object no: no file at") as refused:
+        make_trial(str(path), spec, object_name=str(tmp_path / "no.obj"))
+    assert "it.yaml" not in str(refused.value)
+
+
 def test_a_name_that_no_file_can_have_is_one_that_is_missing(tmp_path: Path, spec: HandSpec) -> None:
     long = "a" * 300
     assert f"no protocol named '{long}'" in fails(tmp_path, GOOD + f"protocol: {long}\n")

@@ -220,7 +220,7 @@ def load_case(item: Mapping[str, Any], spec: HandSpec) -> TrialCase:
     scenario, path = load_scenario(item["scenario"])
     if item.get("object") is not None:
         scenario = with_object(scenario, item["object"])
-    check_object_files(scenario, path)
+    check_object_files(scenario, path, replaced=item.get("object") is not None)
     grasp = scenario_grasp(scenario, path, spec, item.get("grasp"))
     if protocol is None:
         scenario_protocol(scenario, path)

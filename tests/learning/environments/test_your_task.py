@@ -105,7 +105,7 @@ def test_a_task_that_lacks_a_method_is_refused_with_what_it_lacks() -> None:
 @pytest.mark.parametrize("learner", ["stable-baselines3", "rsl-rl"])
 def test_the_pages_task_trains(level: str, tmp_path: Path, learner: str) -> None:
     for name in ("torch", "onnx", "onnxruntime", {"rsl-rl": "rsl_rl"}.get(learner, "stable_baselines3")):
-        pytest.importorskip(name, reason="training needs the extras rl and rsl")
+        pytest.importorskip(name, reason="training needs the extra rl, or rsl")
     recipe = Recipe.model_validate({
         "task": level, "learner": learner, "envs": 2, "rollout": 4, "round": 8, "steps": 8, "batch": 8, "epochs": 1,
         "hidden": [8], "trials": 1, "environment": {"timestep": 0.003, "decimation": 100}, "log": [],

@@ -127,7 +127,7 @@ def _load_start(
     settings = settings.model_copy(update={"side": spec.side})
     if object_name is not None:
         settings = with_object(settings, object_name)
-    check_object_files(settings, path)
+    check_object_files(settings, path, replaced=object_name is not None)
     begun = scenario_grasp(settings, path, spec, grasp)
     if not isinstance(begun.grip, LatchGrip | None):
         raise ConfigError(f"grasp {begun.name} controls force; improve takes grasps that control position")
