@@ -273,10 +273,12 @@ def other_than_wanted(end: CellOutcome, object_name: str, risen: Mapping[str, fl
 
 def other_than_counted(end: CellOutcome, count: int, counted: int, cell: Cell) -> CellOutcome:
     """The end with the number of objects that were put away, `count`, where the cell has `counted` less: what it takes
-    at once is one to it. A simulation knows it: of a real camera's pictures nobody does."""
+    at once is one to it, and what it takes for lost none. A simulation knows it: of a real camera's pictures nobody
+    does."""
     if count <= counted or cell.settings.camera.source.kind != "simulated":
         return end
-    said = f"{put_away(count)} (the cell counts {counted}: what it took at once is one to it)"
+    why = ": what it took at once is one to it" if counted else ""
+    said = f"{put_away(count)} (the cell counts {counted}{why})"
     return replace(end, sentence=end.sentence.replace(put_away(counted), said, 1))
 
 

@@ -167,7 +167,7 @@ def next_state(now: MachineState, observation: Observation, rules: StateRules) -
         case "Retreat" if now.cause is not None:
             if not (observation.done or late):
                 return now
-            if now.put_back is now.cause:  # It was lifted: it is not dropped.
+            if now.put_back is now.cause:  # Led away from the lift, not from putting back: no try is counted yet.
                 return replace(now, state="PutBack", since=observation.t, cause=None)
             return _again(now, observation.t, rules, now.cause)
         case "Validate":

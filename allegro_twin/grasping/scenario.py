@@ -364,14 +364,6 @@ def scenario_protocol(scenario: Scenario, path: Path) -> TrialProtocol:
         raise ConfigError(f"{path}: protocol: {error}") from error
 
 
-def check_object_files(scenario: Scenario, path: Path, *, replaced: bool = False) -> None:
-    """Raise ConfigError for an object of the scenario in a file whose own file is missing. `replaced`: the first one is
-    not the scenario's own."""
-    for index, each in enumerate(scenario.objects):
-        if (index or not replaced) and each.file is not None and not is_file(path.parent / each.file):
-            raise ConfigError(f"{path}: objects.{index}.file: no file at {path.parent / each.file}")
-
-
 def scenario_grasp(scenario: Scenario, path: Path, spec: HandSpec, other: str | None = None) -> Grasp:
     """The grasp that the scenario in a file names, or another one, for the spec's side. Raises ConfigError; with the
     file where that names it."""
@@ -379,6 +371,23 @@ def scenario_grasp(scenario: Scenario, path: Path, spec: HandSpec, other: str | 
         return load_grasp(other or scenario.grasp, spec)
     except ConfigError as error:
         raise error if other else ConfigError(f"{path}: grasp: {error}") from error
+
+
+def load_scenario_for(
+    name: str | Path, spec: HandSpec, *, grasp: str | None = None, object_name: str | None = None
+) -> tuple[Scenario, Path, Grasp]:
+    """A scenario by path or name, the file it came from, and its grasp for a hand; with another grasp, or another
+    object (`with_object`) in place of its first, if they are named. What is replaced need not be there. Raises
+    ConfigError."""
+    scenario, path = load_scenario(name)
+    if scenario.model != spec.model and grasp is None:
+        raise ConfigError(f"{path} is for the hand {scenario.model}; this one is {spec.model}: name another grasp, too")
+    for index, each in enumerate(scenario.objects):
+        if (index or object_name is None) and each.file is not None and not is_file(path.parent / each.file):
+            raise ConfigError(f"{path}: objects.{index}.file: no file at {path.parent / each.file}")
+    if object_name is not None:
+        scenario = with_object(scenario, object_name)
+    return scenario, path, scenario_grasp(scenario, path, spec, grasp)
 
 
 def turn_pushes(protocol: TrialProtocol, axis: int, sign: float) -> TrialProtocol:

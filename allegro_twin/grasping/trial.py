@@ -15,13 +15,10 @@ from allegro_twin.grasping.grasp_type import GraspObservation, ObjectShape, Surf
 from allegro_twin.grasping.scenario import (
     Scenario,
     TrialProtocol,
-    check_object_files,
     load_protocol,
-    load_scenario,
-    scenario_grasp,
+    load_scenario_for,
     scenario_protocol,
     skew_warning,
-    with_object,
 )
 from allegro_twin.grasping.timeline import first_posture, make_stage, make_timeline, with_push_phases
 from allegro_twin.grasping.uncertainty import Perturbation
@@ -302,12 +299,6 @@ def make_trial(
 ) -> Trial:
     """A scenario by name or path, ready to run with this hand; with another grasp, or another object of the catalogue
     in place of its first, if they are named. Raises ConfigError."""
-    settings, path = load_scenario(scenario)
-    if settings.model != spec.model and grasp is None:
-        raise ConfigError(f"{path} is for the hand {settings.model}; this one is {spec.model}: name another grasp, too")
-    if object_name is not None:
-        settings = with_object(settings, object_name)
-    check_object_files(settings, path, replaced=object_name is not None)
-    chosen = scenario_grasp(settings, path, spec, grasp)
+    settings, path, chosen = load_scenario_for(scenario, spec, grasp=grasp, object_name=object_name)
     protocol = scenario_protocol(settings, path)
     return Trial(settings, spec, chosen, folder=path.parent, period=period, start=start, protocol=protocol)

@@ -29,9 +29,10 @@ from allegro_twin.cell.planning.object_selection import ObjectSelector, Selected
 from allegro_twin.cell.planning.reachability import GraspPlan, plain_grasps, plan_grasp
 from allegro_twin.cell.planning.release import _PLACES, ReleasePath, _emptiest_first, reaches_tray, release_path
 from allegro_twin.cell.planning.stored_grasps import stored_grasps, table_object
-from allegro_twin.cell.run import other_than_cleared, other_than_counted, perform
+from allegro_twin.cell.run import _Story, other_than_cleared, other_than_counted, perform
 from allegro_twin.cell.settings import TraySettings
 from allegro_twin.cell.states import CellOutcome, MachineState, OutcomeKind
+from allegro_twin.drivers.realsense import RealSenseSource
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.types import Array
@@ -416,6 +417,23 @@ def test_objects_that_were_taken_at_once_are_counted_as_they_are_and_as_the_cell
     found = other_than_counted(end, 3, 1, cell)
     assert found.sentence == f"3 objects put away (the cell counts 1: what it took at once is one to it){rest}"
     assert other_than_counted(end, 1, 1, cell) is end
+    none = CellOutcome(kind, "", f"0 objects put away{rest}")
+    assert other_than_counted(none, 1, 0, cell).sentence == f"1 object put away (the cell counts 0){rest}"
+    camera = cell.settings.camera.model_copy(update={"source": RealSenseSource()})
+    real = replace(cell, settings=cell.settings.model_copy(update={"camera": camera}))
+    assert other_than_counted(end, 3, 1, real) is end  # How many real objects it was nobody knows.
+
+
+def test_what_was_in_the_tray_before_anything_moved_is_not_counted_as_put_away() -> None:
+    cell = cell_of(tray=TRAY.model_dump(), objects=[{"name": "apple"}, {"name": "golf_ball", "at": [0.1, 0.0]}])
+    data = cell.robot.world.data
+    data.joint("golf_ball").qpos[:3] = [*TRAY.at, 0.03]
+    mujoco.mj_step(cell.robot.world.model, data, 100)
+    story = _Story(cell, CellActions(cell))
+    story.enter(MachineState("ToSecurityPose", 0.0), lambda now: None)
+    assert object_places(cell).in_tray == ("golf_ball",)
+    end = CellOutcome("missed", "left", "0 objects put away; left: an apple")
+    assert story.report(MachineState("Done", 1.0, end=end)).end == end
 
 
 @pytest.mark.slow

@@ -69,3 +69,10 @@ def test_a_time_limit_that_always_runs_out_is_refused_with_both_keys(
 ) -> None:
     with pytest.raises(ConfigError, match=rf"timeouts\.{limit} .* s is less than {by}, so it always runs out"):
         parsed(key, value)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("timeouts.approach", 1.1), ("timeouts.lift", 0.95), ("timeouts.look", 0.07)]
+)
+def test_a_time_limit_that_a_motion_meets_before_the_next_decision_is_taken(key: str, value: float) -> None:
+    assert float(getattr(parsed(key, value).timeouts, key.split(".")[1])) == value

@@ -20,13 +20,11 @@ from allegro_twin.grasping.metrics.trial_metrics import NAMES, trial_metrics
 from allegro_twin.grasping.scenario import (
     Scenario,
     TrialProtocol,
-    check_object_files,
     load_protocol,
     load_scenario,
-    scenario_grasp,
+    load_scenario_for,
     scenario_protocol,
     turn_pushes,
-    with_object,
 )
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.grasping.uncertainty import Perturbation
@@ -217,11 +215,9 @@ def load_case(item: Mapping[str, Any], spec: HandSpec) -> TrialCase:
     if "file" in item:
         made = import_grasp(Path(item["file"]), item["row"], spec, item.get("object"))
         return TrialCase(made.scenario, made.grasp, draw, protocol, made.folder, item.get("protocol"))
-    scenario, path = load_scenario(item["scenario"])
-    if item.get("object") is not None:
-        scenario = with_object(scenario, item["object"])
-    check_object_files(scenario, path, replaced=item.get("object") is not None)
-    grasp = scenario_grasp(scenario, path, spec, item.get("grasp"))
+    scenario, path, grasp = load_scenario_for(
+        item["scenario"], spec, grasp=item.get("grasp"), object_name=item.get("object")
+    )
     if protocol is None:
         scenario_protocol(scenario, path)
     return TrialCase(scenario, grasp, draw, protocol, path.parent, item.get("protocol"))

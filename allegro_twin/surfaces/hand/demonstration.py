@@ -43,23 +43,21 @@ class Demonstration:
         position = np.array([each for _, each in (self._rows if motion else self._rows[-1:])])
         if not len(position):
             return ""
-        excess = np.maximum(self._spec.lower - position, position - self._spec.upper)
-        row, joint = np.unravel_index(int(excess.argmax()), excess.shape)
-        if excess[row, joint] <= GIVE:
-            return ""
-        return (
-            f"{self._spec.joint_labels[int(joint)]} went {excess[row, joint]:.3f} rad beyond its limit; what is stored "
-            "ends there"
-        )
+        joint, excess = self._furthest(position)
+        return "" if excess <= GIVE else f"{joint} went {excess:.3f} rad beyond its limit; what is stored ends there"
 
     def _inside(self, positions: Array) -> Array:
         """A joint that leans on its stop gives; what is taught ends at the limit."""
-        excess = np.maximum(self._spec.lower - positions, positions - self._spec.upper)
-        if excess.max() > _WRONG:
-            joint = int(np.unravel_index(int(excess.argmax()), excess.shape)[-1])
+        joint, excess = self._furthest(positions)
+        if excess > _WRONG:
             raise ConfigError(
-                f"{self._spec.joint_labels[joint]} was read {excess.max():.2f} rad beyond its limit, where no stop "
-                f"yields more than {_WRONG:g}: its encoder's zero or the limit is wrong; `allegro-twin calibrate "
-                "limits` measures it"
+                f"{joint} was read {excess:.2f} rad beyond its limit, where no stop yields more than {_WRONG:g}: its "
+                "encoder's zero or the limit is wrong; `allegro-twin calibrate limits` measures it"
             )
         return np.clip(positions, self._spec.lower, self._spec.upper)
+
+    def _furthest(self, positions: Array) -> tuple[str, float]:
+        """Which joint of positions, (…, n), rad, is furthest beyond its limits, and by how much, rad."""
+        excess = np.maximum(self._spec.lower - positions, positions - self._spec.upper)
+        joint = int(np.unravel_index(int(excess.argmax()), excess.shape)[-1])
+        return self._spec.joint_labels[joint], float(excess.max())

@@ -53,8 +53,8 @@ class ExcitationRun:
 
 def remaining_run(config: RunConfig, name: str, seconds: float, seed: int, folder: Path) -> ExcitationRun | None:
     """The remaining recording of a pose in a folder: None, all, or the rest of an interrupted one, in a file of its
-    own; one that is of no use is recorded anew. Raises ConfigError, as for a folder that was recorded with another
-    hand or seed, or RecordingError."""
+    own; one that lacks too many periods is recorded anew. Raises ConfigError, as for a folder that was recorded with
+    another hand or seed, or that has a file cut before its first whole row, which stays; or RecordingError."""
     hand_pose, recorded_seconds, useless = find_pose(name, config.hand.side), 0.0, list[int]()
     files = numbered_files(name, folder)
     for number, file in files.items():

@@ -120,15 +120,11 @@ def _load_start(
     scenario: str, grasp: str | None, object_name: str | None, spec: HandSpec
 ) -> tuple[Scenario, Grasp, HandSpec, Path]:
     """The scenario, the grasp to start from, the hand and the scenario's file. Raises ConfigError."""
-    from allegro_twin.grasping.scenario import check_object_files, load_scenario, scenario_grasp, with_object
+    from allegro_twin.grasping.scenario import load_scenario_for
     from allegro_twin.hands.library.entries import LatchGrip
 
-    settings, path = load_scenario(scenario)
+    settings, path, begun = load_scenario_for(scenario, spec, grasp=grasp, object_name=object_name)
     settings = settings.model_copy(update={"side": spec.side})
-    if object_name is not None:
-        settings = with_object(settings, object_name)
-    check_object_files(settings, path, replaced=object_name is not None)
-    begun = scenario_grasp(settings, path, spec, grasp)
     if not isinstance(begun.grip, LatchGrip | None):
         raise ConfigError(f"grasp {begun.name} controls force; improve takes grasps that control position")
     return settings, begun, spec, path
