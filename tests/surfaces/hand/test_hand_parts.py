@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from allegro_twin.app import assemble
 from allegro_twin.app.config import RunConfig
+from allegro_twin.backend import limp_of
 from allegro_twin.control.bumpless_switch import BumplessSwitch
 from allegro_twin.control.controllers import PD, PID
 from allegro_twin.control.demonstration import TaughtMotion
@@ -16,6 +20,7 @@ from allegro_twin.errors import ConfigError, HandFault, LinkTimeout
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.library import load_grasp, load_posture
 from allegro_twin.kinematics.hand import hand_kinematics
+from allegro_twin.plugins import PluginController
 from allegro_twin.sim.contact.collision_free_paths import CollisionFreePaths
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.hand import Hand
@@ -25,7 +30,7 @@ from allegro_twin.surfaces.hand.demonstration import Demonstration
 from allegro_twin.surfaces.hand.grasps import GraspOutcome, aperture, for_width, grasp_outcome
 from allegro_twin.surfaces.hand.loop_thread import LoopThread
 from allegro_twin.surfaces.hand.motion import Goal, MotionMonitor
-from allegro_twin.types import HandState, Sample, TorqueCommand, Vector
+from allegro_twin.types import Command, HandState, Sample, TorqueCommand, Vector
 from tests.test_safety import state
 
 
@@ -228,6 +233,25 @@ def test_a_joint_that_is_read_further_beyond_its_limit_than_a_stop_yields_is_ref
     np.testing.assert_array_equal(demonstration.posture(), spec.upper)
     with pytest.raises(ConfigError, match="its encoder's zero or the limit is wrong"):
         demonstration.motion()
+
+
+def test_a_hand_moves_under_a_packages_controller_whose_member_has_a_name_of_ours(spec: HandSpec) -> None:
+    class Theirs:
+        motion = "slow"
+
+        def start(self, state: HandState) -> None:
+            return None
+
+        def __call__(self, state: HandState, memory: None) -> tuple[Command, None]:
+            return limp_of(spec), None
+
+    rig = assemble(config())
+    with closing(
+        Hand(replace(rig, controller=PluginController(Theirs(), "mine")), load_gains("default", spec))
+    ) as hand:
+        hand.set_controller("pd")
+        hand.move_to("home", 2.0)
+        assert np.abs(hand.errors).max() < 0.1
 
 
 def test_a_motion_that_never_settles_is_over_half_a_second_after_its_end() -> None:
