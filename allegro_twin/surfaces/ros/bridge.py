@@ -88,7 +88,9 @@ class SessionTopics:
         """Whether a sample at a time, s, is to be published."""
         if t < self._due - 1e-9:
             return False
-        self._due = max(self._due + self._interval, t)
+        self._due += self._interval
+        if self._due <= t:  # After a gap, what was left out is not made up for.
+            self._due = t + self._interval
         return True
 
 
