@@ -154,6 +154,20 @@ def exists(name: str) -> bool:
     return True
 
 
+def code_words(tree: ast.Module) -> Iterator[str]:
+    """The names and strings of code, without docstrings and comments."""
+    texts: set[int] = set()
+    for node in ast.walk(tree):  # Parents before children.
+        if isinstance(node, ast.Expr):
+            texts.add(id(node.value))
+        elif id(node) not in texts:
+            for value in vars(node).values():
+                if isinstance(value, str):
+                    yield value
+                elif isinstance(value, list):
+                    yield from (each for each in value if isinstance(each, str))
+
+
 @cache
 def written() -> set[str]:
     """Every word of code, configs and models, without the docstrings."""
@@ -175,11 +189,7 @@ def written() -> set[str]:
                 continue
             text = path.read_text()
             if path.suffix == ".py":
-                tree = ast.parse(text)
-                for node in ast.walk(tree):
-                    if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
-                        node.value = ast.Constant(None)
-                text = ast.unparse(tree)
+                text = " ".join(code_words(ast.parse(text)))
             found |= set(re.findall(r"\w+", text))
     return found
 

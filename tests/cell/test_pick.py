@@ -104,6 +104,7 @@ def played(env: ArmPick, steps: int) -> np.ndarray[Any, Any]:
     return np.concatenate(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kwargs", STATES)
 def test_an_episode_goes_on_from_a_saved_state_to_the_bit_and_so_do_those_after_it(kwargs: dict[str, Any]) -> None:
     env, fresh, other = (ArmPick(objects=TWO, seconds=1.6, **kwargs) for _ in range(3))
@@ -139,6 +140,7 @@ def test_an_episode_that_is_over_is_over_when_it_is_restored() -> None:
         fresh.step(np.zeros(22, np.float32))
 
 
+@pytest.mark.slow
 def test_a_grasp_is_held_on_from_a_saved_state() -> None:
     env = apple()
     env.reset(seed=1)

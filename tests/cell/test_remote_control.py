@@ -66,6 +66,7 @@ def palm_at(cell: Cell, *place: float) -> PalmCommand:
     return PalmCommand(Pose(np.array(place), cell.security.rotation))
 
 
+@pytest.mark.slow
 def test_the_palm_goes_where_it_is_led_in_a_bounded_step(cell: Cell) -> None:
     seen = remote(cell, {0.1: palm_at(cell, -0.12, 0.1, 0.36)}, 3.0)
     assert seen.said == []

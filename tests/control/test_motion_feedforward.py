@@ -119,6 +119,7 @@ def test_a_hand_that_is_as_its_file_says_follows_five_times_closer(kind: str) ->
     assert rms(fed, moves) < rms(config, moves) / 5.0
 
 
+@pytest.mark.slow
 def test_cables_and_cogging_of_the_hands_own_file_are_fed_forward(tmp_path: FilePath) -> None:
     file = tmp_path / "own.yaml"
     drive = {"bias_torque": 0.02, "cogging_cosine": 0.01, "cogging_periods": 9, "delay": 0.004}

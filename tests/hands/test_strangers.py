@@ -290,6 +290,7 @@ def test_ranges_in_radians_that_are_read_as_degrees_are_asked_about(tmp_path: Pa
     assert 'are they in radians? Without <compiler angle="radian"/> an MJCF has degrees' in note
 
 
+@pytest.mark.slow
 def test_a_servo_that_does_not_come_to_rest_is_said_with_how_far_its_joint_still_moves(tmp_path: Path) -> None:
     path = mjcf(tmp_path, SERVO.replace('kv="0.1"', 'kv="0"'))
     path.write_text(path.read_text().replace('damping="0.02"', ""))

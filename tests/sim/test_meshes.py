@@ -121,6 +121,7 @@ def test_a_ring_stands_on_few_points_of_the_table_around_a_ball_that_it_does_not
     assert not meet[piece, table]
 
 
+@pytest.mark.slow
 def test_it_has_the_inertia_of_the_solid_and_not_of_its_hull(tmp_path: Path) -> None:
     file = written(tmp_path / "ring.obj", *ring())
     spec = mujoco.MjSpec()
@@ -208,6 +209,7 @@ def test_a_larger_one_is_cut_as_the_mesh_itself_and_not_anew(tmp_path: Path, mon
     np.testing.assert_allclose(np.sort(extents), np.sort(2.1 * thing.half_extents()), rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_fine_scan_is_cut_with_fewer_triangles(monkeypatch: pytest.MonkeyPatch) -> None:
     torus = trimesh.creation.torus(0.05, 0.015, major_sections=64, minor_sections=32)
     hull = torus.convex_hull  # It fills the hole, and stands out.

@@ -123,6 +123,7 @@ def test_a_repaired_mesh_is_kept_by_its_content(tmp_path: Path, monkeypatch: pyt
         clean_mesh(tmp_path / "b.stl", ScanSettings(0.0011))
 
 
+@pytest.mark.slow
 def test_a_unit_is_that_of_the_file_or_of_the_only_size_that_a_hand_holds(tmp_path: Path) -> None:
     solid = bottomless(bottle())
     for unit, name in ((0.001, "mm"), (1.0, "m"), (0.0254, "inch"), (0.01, "cm")):
@@ -315,6 +316,7 @@ def test_a_table_that_was_scanned_with_a_thing_is_refused_and_named(tmp_path: Pa
             make_clean(tmp_path / name)
 
 
+@pytest.mark.slow
 def test_a_plate_with_a_knob_is_no_table_and_is_said_to_be_taken_as_a_part(tmp_path: Path) -> None:
     plate = Solid(cracker().vertices * [1, 0.8, 0.025], cracker().faces)
     both = merged(plate, moved(ball(), (0, 0, 0.016), 0.5))
@@ -397,6 +399,7 @@ def test_what_follows_the_triangles_of_a_binary_stl_is_none_of_them(tmp_path: Pa
         assert len(read_scan(file).faces) == len(bottle().faces)
 
 
+@pytest.mark.slow
 def test_a_surface_that_encloses_nothing_is_refused_with_a_wall_as_way_out(tmp_path: Path) -> None:
     corners = np.array([[0, 0, 0], [80, 0, 0], [80, 60, 0], [0, 60, 0]]) / 1000
     flat = np.array([[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]])
@@ -479,6 +482,7 @@ def test_a_mesh_under_the_name_of_another_kind_is_read_as_what_it_is(tmp_path: P
         assert f"read as .{kind}, which it is, not {name[1:]}" in report.line()
 
 
+@pytest.mark.slow
 def test_two_things_in_one_file_are_said_to_be_taken_as_one(tmp_path: Path) -> None:
     both = merged(ball(), moved(torus(), (0.135, 0.0, 0.0)))
     report = make_clean(stl(tmp_path / "scan.stl", soup(both), 0.001)).report

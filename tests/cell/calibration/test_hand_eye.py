@@ -163,6 +163,7 @@ def test_squares_of_another_size_are_told_and_are_in_the_stated_error(wrist: boo
     assert np.linalg.norm(wrong.camera.position - CAMERA.position) < 1e-3
 
 
+@pytest.mark.slow
 def test_another_focal_length_is_told_and_is_in_the_stated_error() -> None:
     lens = LENS._replace(fx=1.02 * LENS.fx, fy=1.02 * LENS.fy)
     found = calibrate_hand_eye(pattern_views(1, 8), lens, at_the_wrist=True)

@@ -77,6 +77,7 @@ def test_a_table_of_poses_says_the_same_as_a_list_of_views(wrist: tuple[Path, Po
     np.testing.assert_array_equal(one.camera.position, other.camera.position)
 
 
+@pytest.mark.slow
 def test_a_depth_camera_beside_the_one_of_the_pictures_is_placed_by_its_place(
     wrist: tuple[Path, Pose], tmp_path: Path
 ) -> None:

@@ -119,6 +119,7 @@ def test_a_level_top_that_is_seen_flatly_does_not_fall_apart(name: str) -> None:
     assert np.linalg.norm(found.solid.position - placed.position) < 0.004
 
 
+@pytest.mark.slow
 def test_what_is_the_robots_own_is_no_thing() -> None:
     finger = PlacedObject(load_object("golf_ball"), (-0.12, 0.0, 0.15), (1.0, 0.0, 0.0, 0.0))
     frame = picture(put("rubiks_cube"), finger)

@@ -403,6 +403,7 @@ def test_a_rate_is_told_with_where_it_lies_for_few_episodes_say_little() -> None
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [path.stem for path in (data_root() / "conf" / "training").glob("*.yaml")])
 def test_a_recipe_with_the_name_of_a_task_is_the_task_as_gymnasium_makes_it(name: str) -> None:
     own = {task.lower(): task for task in TASKS}

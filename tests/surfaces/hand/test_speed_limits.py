@@ -124,6 +124,7 @@ def test_the_peak_of_a_trajectory_is_its_greatest_speed(postures: Array, profile
     np.testing.assert_allclose(path.peak, found, rtol=0.02, atol=1e-2 * speed)
 
 
+@pytest.mark.slow
 @given(rows, st.one_of(st.none(), rows))
 def test_the_peak_of_timed_postures_is_their_greatest_speed(postures: Array, velocities: Array | None) -> None:
     path = TimedPath(np.array([0.0, 0.5, 1.3, 1.5]), postures, velocities)

@@ -39,6 +39,7 @@ def test_what_a_recording_does_not_tell_is_one_sentence(made: Path, own: str, tm
         branch_recording(made, AT, {}, options=BranchOptions(open_loop=True))
 
 
+@pytest.mark.slow
 def test_a_calibration_without_limits_has_those_of_its_version(made: Path, own: str, tmp_path: Path) -> None:
     table = load(made).meta["calibration"]
     bare = {"version": table["version"], "torque_constant": table["torque_constant"]} | {

@@ -31,12 +31,14 @@ def free(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return free_motion(tmp_path_factory.mktemp("free") / "free.arrow")
 
 
+@pytest.mark.slow
 def test_a_file_that_fits_says_nothing_but_what_it_found(free: Path, command: Run) -> None:
     code, shown, errors = command("mirror", free, "--free", free)
     assert (code, shown.rstrip().splitlines()[-1]) == (0, "Nothing touched it.")
     assert "does not fit" not in errors
 
 
+@pytest.mark.slow
 def test_a_file_of_another_hand_is_said_before_any_verdict_and_no_free_motion_learns_it_away(
     free: Path, tmp_path: Path, command: Run
 ) -> None:

@@ -229,6 +229,7 @@ def test_a_hand_in_real_time_stays_limp_while_its_approach_is_planned(monkeypatc
     np.testing.assert_array_equal(planned, [np.zeros(16), np.full(16, 0.1)])  # It had moved on meanwhile.
 
 
+@pytest.mark.slow
 def test_the_way_to_a_posture_stays_clear_with_the_errors_of_a_hand_that_follows() -> None:
     """From wherever the posture before has left the fingers; 30 ms late, 20 mrad beside, its encoders 20 mrad off."""
     shift, clear = np.full(16, 0.02), CollisionFreePaths(SPEC)
