@@ -107,7 +107,8 @@ def code() -> Code:
         tree = parsed(path)
         modules[path.parent.name if path.name == "__init__.py" else path.stem] |= top(tree)
         modules[path.parent.name].add(path.stem)
-        modules[path.parent.parent.name].add(path.parent.name)
+        if path.parent.parent != ROOT:  # The name of a clone's folder is anybody's.
+            modules[path.parent.parent.name].add(path.parent.name)
         for node in ast.walk(tree):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
                 callables.add(node.name)

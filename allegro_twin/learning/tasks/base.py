@@ -269,3 +269,9 @@ def task_id(kind: type[Task]) -> str:
     """Id of a task's environment, for cards."""
     own = kind.__module__.startswith("allegro_twin.")
     return f"AllegroTwin/{kind.name}-v0" if own else f"{kind.__module__}:{kind.__qualname__}"
+
+
+def task_named(id: str) -> str:
+    """Name of a task, as recipes have it, of the environment's id in a card."""
+    own = id.removeprefix("AllegroTwin/")
+    return id if own == id else own.removesuffix("-v0")

@@ -14,14 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import find_file
 from allegro_twin.files.atomic_write import atomic_file
+from allegro_twin.files.schema import parse_settings
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.objects import ObjectChoice, OwnObject, object_name
 from allegro_twin.learning.environments.settings import EnvSettings, env_keywords
-from allegro_twin.learning.policy.card import check_card
+from allegro_twin.learning.policy.card import check_card, read_card
 from allegro_twin.learning.policy.controller import Policy, ZeroPolicy
 from allegro_twin.learning.policy.loading import load_policy
 from allegro_twin.learning.tasks import make_task, task_type
+from allegro_twin.learning.tasks.base import task_named
 from allegro_twin.learning.training.evaluation import Evaluation, evaluate
 from allegro_twin.learning.training.progress import EVALUATION, round_seed
 from allegro_twin.learning.training.settings import Recipe
@@ -50,7 +53,8 @@ class Comparison:
 
 def compare_policy(path: Path, recipe: Recipe, episodes: int, seed: int = SEED) -> list[Comparison]:
     """Evaluate a policy file in all `evaluation_sets`, in the episodes of the seeds from `seed` on. Raises ConfigError
-    for a policy of another task, and for objects that are held out or looked at and that the training has."""
+    for a policy of another task, and for objects that are held out or looked at and that the training, or that of the
+    policy it began with or imitates, has."""
     loaded = load_policy(path)
     still = ZeroPolicy(loaded.card.action)
     task = make_task(recipe.task, as_shipped(recipe.environment), 1, 1)
@@ -103,6 +107,11 @@ def _check_unseen(recipe: Recipe, names: Sequence[str], before: str = "") -> Non
     `names`; `looked_at`; `held_out`."""
     known = list(recipe.environment.objects or ())
     whose = dict.fromkeys(names, "the training's environments")
+    for key, policy in (("start", recipe.start), ("teacher", recipe.teacher)):
+        if policy is not None:
+            theirs, of_it = _trained_on(policy)
+            known += theirs
+            whose = dict.fromkeys(of_it, f"the training of {key} {policy}") | whose
     for key in ("looked_at", "held_out"):
         choices: Sequence[ObjectChoice] = getattr(recipe, key)
         for choice in choices:
@@ -115,6 +124,16 @@ def _check_unseen(recipe: Recipe, names: Sequence[str], before: str = "") -> Non
                 )
         known += choices
         whose |= {object_name(choice): key for choice in choices}
+
+
+def _trained_on(policy: str) -> tuple[Sequence[ObjectChoice], Sequence[str]]:
+    """Objects of a policy's training, as its card has them, and the names of all that it drew from; none where the card
+    does not say."""
+    card = read_card(find_file(policy, "policy", "conf/policies", ".onnx"))
+    if card.environment is None:
+        return (), ()
+    settings = parse_settings(EnvSettings, card.environment, f"{policy}: environment")
+    return settings.objects or (), make_task(task_named(card.task), as_shipped(settings), 1, 1).object_names()
 
 
 def _same_thing(one: ObjectChoice, other: ObjectChoice) -> bool:

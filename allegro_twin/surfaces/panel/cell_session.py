@@ -74,9 +74,10 @@ class CellSession:
         while self._notices:
             yield self._notices.pop(0)
 
-    def close(self) -> None:
+    def close(self) -> str:
         """Whoever moved the cell from here is gone."""
         self.stay()
+        return ""
 
     def on_event(self, event: SessionEvent) -> None:
         """In the cell's loop: as little as possible, and nothing that waits."""

@@ -88,6 +88,7 @@ class HandSession:
         self._number, self._config, self._folders, self._send = number, config, folders, send
         self._next, self._lost, self._tick = 0.0, 0, -1
         self._recorder: Recorder | None = None
+        self._recording = Path()
         self._recorded_from, self._teaching, self._trouble, self._verdict_due = 0.0, False, "", False
         self._stalled: HandError | None = None
         self._clipped = 0
@@ -217,10 +218,15 @@ class HandSession:
         except HandError as error:
             yield SessionEnded(str(error))
 
-    def close(self) -> None:
-        """Leave the hand limp and let go of it. Raises LinkError when it did not confirm that."""
+    def close(self) -> str:
+        """Leave the hand limp and let go of it. Returns which recording that has ended. Raises LinkError when the hand
+        did not confirm that."""
         self._drop()
+        recorded = self._recorder is not None
         self._opened.close()
+        if not recorded:
+            return ""
+        return f"the recording {self._recording} has ended with this hand: {self._trouble or 'it is whole'}"
 
     def _episode(self) -> EpisodeWatch:
         """Raises ConfigError where there is none."""
@@ -304,6 +310,7 @@ class HandSession:
         from allegro_twin.recording.recorder import Recorder
 
         path, rig = free_name(self._folders.recordings), self.rig
+        self._recording = path
         self._recorded_from = self.hand.state.t
         look = {} if self.watch is None else {"look": self.watch.appearance}
         self._recorder = Recorder(path, rig.spec, rig.backend.period, recording_meta(rig, self._config) | look)
@@ -315,8 +322,10 @@ class HandSession:
             recorder.close()
 
     def _abandon_recording(self) -> None:
-        with suppress(RecordingError):  # What was written is readable.
+        try:
             self._stop_recording()
+        except RecordingError as error:  # What was written is readable.
+            self._trouble = self._trouble or str(error)
 
     def _on_sample(self, sample: Sample) -> None:
         """In the loop's own thread: as little as can be, and nothing that waits."""

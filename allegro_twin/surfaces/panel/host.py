@@ -35,7 +35,9 @@ class Session(Protocol):
     def stop(self) -> None: ...
     def stay(self) -> None: ...
     def report(self) -> Iterator[Notice | SessionEnded]: ...
-    def close(self) -> None: ...
+    def close(self) -> str:
+        """End it. Returns what the page should know of that; empty: nothing."""
+        ...
 
 
 Opener: TypeAlias = Callable[[int, Send], Session]
@@ -179,8 +181,8 @@ class Host:
 
     def _close(self) -> None:
         session, self._session = self._session, None
-        if session is not None:
-            session.close()
+        if session is not None and (text := session.close()):
+            self._page.tell(Notice(text))
 
 
 def _tell_library(page: PageProcess, session: Session) -> None:

@@ -315,6 +315,19 @@ def test_objects_that_are_held_out_and_cannot_be_are_refused_before_the_first_ac
     assert f"{path}: {message.split(': ')[0]}: " in " ".join(errors.split())
 
 
+@pytest.mark.parametrize("key", ["looked_at", "held_out"])
+@pytest.mark.parametrize("how", [{"learner": "rsl-rl", "start": "grasp_right"},
+                                 {"learner": "dagger", "teacher": "grasp_right"}])  # fmt: skip
+def test_objects_that_the_policy_before_was_trained_on_are_no_unseen_ones(key: str, how: dict[str, str]) -> None:
+    before = make_task("Grasp", EnvSettings(level="easy"), 1, 1).object_names()
+    mine = {"task": "Grasp", "environment": {"level": "easy", "objects": ["tennis_ball"]}}
+    assert "apple" in before
+    check_objects(Recipe.model_validate(mine | {key: ["apple"]}))
+    whose = "start" if "start" in how else "teacher"
+    with pytest.raises(ConfigError, match=f"^mine: {key}: apple is among the objects of the training of {whose} grasp"):
+        check_objects(Recipe.model_validate(mine | how | {key: ["apple"]}), "mine")
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [

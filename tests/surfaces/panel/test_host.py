@@ -245,6 +245,24 @@ def test_a_recording_is_whole_and_says_what_it_is_of(desk: Desk, tmp_path: Path)
     assert "target" in recording.columns
 
 
+@pytest.mark.parametrize("wish", [r.Reopen(), r.OpenScene("scenarios/demo/lemon.yaml", None, False)])
+def test_a_hand_that_is_opened_anew_says_which_recording_ended_with_the_other(
+    desk: Desk, tmp_path: Path, wish: r.Request
+) -> None:
+    desk.wish(r.Record(on=True))
+    desk.until(lambda: desk.page.frame().recorded > 0.1)
+    desk.page.said.clear()
+    desk.wish(wish)
+    desk.until(lambda: any(isinstance(news, SessionInfo) for news in desk.page.said))
+    path = tmp_path / "out" / "panel_001.arrow"
+    assert desk.page.notices() == f"the recording {path} has ended with this hand: it is whole"
+    assert load(path).complete
+    desk.page.said.clear()
+    desk.wish(wish)
+    desk.until(lambda: any(isinstance(news, SessionInfo) for news in desk.page.said))
+    assert "recording" not in desk.page.notices()
+
+
 def test_a_recording_whose_columns_change_ends_there_with_all_rows_before(desk: Desk, tmp_path: Path) -> None:
     desk.wish(r.Record(on=True))
     desk.until(lambda: desk.page.frame().recorded > 0.02)
