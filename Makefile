@@ -33,7 +33,7 @@ types: $(READY)
 # Learning: PyTorch and its learners, which are gigabytes.
 RL := $(VENV)/.rl
 test-rl: $(RL)
-	$(PYTEST) -m 'not long and not realtime' --whole rl tests/learning/training tests/learning/policy tests/learning/environments tests/cell/test_pick.py tests/test_arrays.py tests/test_examples.py
+	$(PYTEST) -m 'not long and not realtime' --whole rl tests/learning/training tests/learning/policy tests/learning/environments tests/pick tests/test_arrays.py tests/test_examples.py
 
 $(RL): $(READY)
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[rl,rsl]'

@@ -79,4 +79,4 @@ for _id, (_task, _side) in ids().items():
         order_enforce=False,  # An environment does it itself, and one that is restored needs no reset.
         kwargs={"task": _task} | ({"of_side": _side} if _named else {}),
     )
-gymnasium.register(PICK, entry_point="allegro_twin.cell.pick.env:ArmPick")
+gymnasium.register(PICK, entry_point="allegro_twin.pick.env:ArmPick")

@@ -20,7 +20,8 @@ from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.statistics import wilson
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.learning.policy.card import PolicyCard, read_card
-from allegro_twin.learning.tasks import TASKS
+from allegro_twin.learning.tasks import NO_BATCH, TASKS
+from allegro_twin.pick.card import PickCard, read_pick_card
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "results" / "leaderboard.md"
 RESULTS = PAGE.with_name("environments.md")
@@ -38,7 +39,7 @@ what stands beside them, 12.8 times; all else is at 26. An empty cell was not me
 | task | environment | who | sees | episodes | success | counted | of | seeds from, physics |
 |---|---|---|---|---|---|---|---|---|
 """
-_KEYWORDS = ("level", "palm", "goals", "position_noise", "hand")
+_KEYWORDS = ("level", "palm", "goals", "position_noise", "hand", "control", "perception")
 """Keywords of an environment that say what is asked."""
 _BASELINES = "500,000,000, 3 ms"
 _MPC = "0, 3 ms"
@@ -72,7 +73,7 @@ class Row(NamedTuple):
 def page() -> str:
     """The whole page."""
     found = [*baselines(), *planned(), *policies()]
-    order = [*TASKS]
+    order = [*TASKS, NO_BATCH]
     found.sort(key=lambda row: (order.index(row.task.strip("`")), row.environment))  # Stable: nothing comes first.
     return HEAD + "\n".join(row.line() for row in found) + "\n"
 
@@ -90,7 +91,7 @@ def policies(folder: Path | None = None) -> Iterator[Row]:
         twin = networks.setdefault(network.read_bytes(), network.name)
         if twin != network.name:
             raise ConfigError(f"{_named(network)} is the network of {twin}, byte for byte: keep one of them")
-        card = read_card(network)
+        card = _card(network)
         for who, episodes, success, counted, of, where in results(path):
             mine = who.strip("`") == path.stem
             yield Row(
@@ -113,7 +114,7 @@ def results(path: Path) -> list[list[str]]:
     for line, cells in _lines(path, "results", _RESULTS):
         who, episodes, success, counted, of, where = cells
         name = who.strip("`")
-        if name != path.stem and name not in ("nothing", "random") and not _CONSTANT.fullmatch(who):
+        if name != path.stem and name not in ("nothing", "random", "script") and not _CONSTANT.fullmatch(who):
             raise ConfigError(f'{line}: who "{who}": write `{path.stem}`, whose page this is, nothing, random, or a '
                               "constant as +0.10 rad on the proximal joints")  # fmt: skip
         if not episodes:
@@ -161,14 +162,23 @@ def planned() -> Iterator[Row]:
                       f"{counted} in {seconds} s; {kept} kept", of, _MPC)  # fmt: skip
 
 
-def environment(card: PolicyCard) -> str:
+def _card(network: Path) -> PolicyCard | PickCard:
+    try:
+        return read_card(network)
+    except ConfigError:
+        return read_pick_card(network)
+
+
+def environment(card: PolicyCard | PickCard) -> str:
     """What a policy's environment asks otherwise than the task's default."""
-    own = (card.environment or {}) | ({} if card.hand == HAND else {"hand": card.hand})
+    own = (card.environment or {}) | ({"hand": card.hand} if isinstance(card, PolicyCard) and card.hand != HAND else {})
     return ", ".join(f"`{key}={own[key]!r}`".replace("'", '"') for key in _KEYWORDS if key in own) or "default"
 
 
-def seen(card: PolicyCard) -> str:
+def seen(card: PolicyCard | PickCard) -> str:
     """What a policy sees."""
+    if isinstance(card, PickCard):
+        return "arm, hand and object"
     frames = "" if card.history == 1 else f", {card.history} decisions"
     return ("the hand and the object" if card.privileged else "the hand") + frames
 

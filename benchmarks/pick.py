@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.cell.pick.env import ArmPick, Floats
-from allegro_twin.cell.pick.scripted_policy import ScriptedPick
 from allegro_twin.grasping.statistics import wilson
+from allegro_twin.pick.env import ArmPick, Floats
+from allegro_twin.pick.scripted_policy import ScriptedPick
 
 KINDS: dict[str, dict[str, Any]] = {
     "the thing is known": {},

@@ -31,6 +31,7 @@ LAYERS = [
     {"viewing", "drivers"},
     {"grasping"},
     {"learning", "cell"},
+    {"pick"},
     {"app"},
     {"gym", "twin"},
     {"surfaces"},
@@ -55,7 +56,7 @@ HOMES = {
     "yaml": {"files"},
     "ruamel": {"files"},
     "ruckig": {"control"},
-    "gymnasium": {"gym", "learning", "cell/pick"},
+    "gymnasium": {"gym", "learning", "pick"},
     "onnx": {"learning"},
     "onnxruntime": {"learning/policy"},
     "stable_baselines3": {"learning"},
@@ -84,7 +85,7 @@ HOMES = {
 FLOORS: dict[str, list[str | set[str]]] = {
     "cell": [
         "perception", "arm", "camera", "settings", "states", "motion", "checks", "assembly", "planning", "actions",
-        "ground_truth", "run", "journal", "remote", "calibration", "pick",
+        "ground_truth", "run", "journal", "remote", "calibration",
     ],
     "drivers": ["base", "polled", "can", "dynamixel", "qb", "schunk", "realsense", "franka"],
     "drivers/can": ["codec", "config", "link", "driver", "virtual", "tools", "opening"],
@@ -216,7 +217,7 @@ def test_only_paced_sleeps_and_only_drivers_the_guard_ros_the_trainer_and_the_pl
     dated = {
         "surfaces/cli/twin/identification.py",
     }  # Write into a file on which day it was measured.
-    timed = ("drivers", "learning/mpc", "learning/training", "grasping/plan", "surfaces/ros")
+    timed = ("drivers", "learning/mpc", "learning/training", "grasping/plan", "pick/imitation", "surfaces/ros")
     assert {str(p) for p in users if not str(p).startswith(timed)} == {"loop.py", "safety.py", *dated}
     assert {str(p.relative_to(PACKAGE)) for p in MODULES if "time.sleep(" in p.read_text()} == {"loop.py"}
     assert (PACKAGE / "loop.py").read_text().count("time.sleep(") == 1

@@ -19,6 +19,7 @@ _KINDS = {
     "conf/trajectories": "trajectory",
     "conf/hands": "hand",
     "conf/training": "recipe",
+    "conf/pick": "recipe",
     "conf/protocols": "protocol",
 }
 _PACKAGE = Path(__file__).resolve().parent.parent

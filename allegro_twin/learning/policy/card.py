@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import zipfile
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import Field
 
@@ -28,6 +28,9 @@ from allegro_twin.spec import HandSpec, Side
 KEY = "allegro_twin"
 """Key of the card in an ONNX file's metadata; a zip has it as the member `allegro_twin.json`."""
 MEMBER = f"{KEY}.json"
+ARM_PICK = "AllegroTwin/ArmPick-v0"
+"""Task in the cards of policies that move an arm with its hand."""
+CardType = TypeVar("CardType", bound="NetworkCard")
 
 
 class GraspScript(Settings):
@@ -48,13 +51,26 @@ class GraspScript(Settings):
         return sample_script(closing_moves(grasp, self.wait, self.squeeze), grasp.preshape, periods, period)
 
 
-class PolicyCard(Settings):
-    """Description inside a policy file."""
+class NetworkCard(Settings):
+    """Description inside the file of any policy."""
 
     version: int = VERSION
     """Version of the meaning of observations and actions."""
     task: str
     """Id of the environment."""
+    observation: int
+    """Numbers in an observation, without goals."""
+    action: int
+    """Numbers in an action."""
+    note: str = ""
+    """How it was trained."""
+    environment: dict[str, Any] | None = None
+    """Keywords of the environments that it was trained in. None: not recorded."""
+
+
+class PolicyCard(NetworkCard):
+    """Description inside the file of a policy that moves a hand."""
+
     hand: str = HAND
     """The model of hand."""
     side: Side
@@ -68,20 +84,12 @@ class PolicyCard(Settings):
     scripts: tuple[GraspScript, ...] = ()
     periods: int = 0
     """Length of the scripts, in control periods."""
-    observation: int
-    """Numbers in an observation, without goals."""
-    action: int
-    """Numbers in an action."""
     history: Annotated[int, Field(ge=1)] = 1
     """Decisions in an observation."""
     privileged: int = 0
     """Numbers of the observation that no real hand has."""
     algorithm: str = "PPO"
     """Class of Stable-Baselines3, for a zip."""
-    note: str = ""
-    """How it was trained."""
-    environment: dict[str, Any] | None = None
-    """Keywords of the environments that it was trained in. None: not recorded."""
 
     def interface(self, spec: HandSpec) -> Interface:
         """Make the interface to a hand. Raises ConfigError for the other hand, another version, or a policy that no
@@ -162,13 +170,38 @@ def check_card(
             )
 
 
-def _check_version(card: PolicyCard, who: str) -> None:
+def _check_version(card: NetworkCard, who: str) -> None:
     if card.version != VERSION:
         raise ConfigError(f"{who} is of version {card.version}; this package runs {VERSION}: train it anew")
 
 
 def read_card(path: Path) -> PolicyCard:
-    """Read the card in a policy file. Raises ConfigError without a card or file, and for one of another version."""
+    """Read the card of a policy that moves a hand. Raises ConfigError without a card or file, for one of another
+    version, and for a policy of `ArmPick`."""
+    content = _card_content(path)
+    if content.get("task") == ARM_PICK:
+        raise ConfigError(
+            f"{path} is a policy of ArmPick, which moves an arm with its hand: it runs in its environment only, "
+            f'gymnasium.make("{ARM_PICK}", policy=…)'
+        )
+    return _parsed(path, content, PolicyCard)
+
+
+def read_network_card(path: Path, kind: type[CardType], task: str) -> CardType:
+    """Read a card of another kind. Raises ConfigError as `read_card` does, and for another task's."""
+    content = _card_content(path)
+    if content.get("task") != task:
+        raise ConfigError(f"{path} is a policy of {content.get('task')}, not of {task}")
+    return _parsed(path, content, kind)
+
+
+def _parsed(path: Path, content: Any, kind: type[CardType]) -> CardType:
+    card = parse_settings(kind, content, str(path))
+    _check_version(card, f"policy {path}")
+    return card
+
+
+def _card_content(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise ConfigError(f"{path}: no such policy file")
     text = _zip_text(path) if path.suffix == ".zip" else _onnx_text(path)
@@ -178,12 +211,12 @@ def read_card(path: Path) -> PolicyCard:
         content: Any = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise ConfigError(f"{path}: its card is not JSON ({error}): write it with write_card") from error
-    card = parse_settings(PolicyCard, content, str(path))
-    _check_version(card, f"policy {path}")
-    return card
+    if not isinstance(content, dict):
+        raise ConfigError(f"{path}: its card is no JSON object: write it with write_card")
+    return content
 
 
-def write_card(path: Path, card: PolicyCard) -> None:
+def write_card(path: Path, card: NetworkCard) -> None:
     """Write a card into a policy file that has none. Raises ConfigError for a file that is neither .zip nor .onnx."""
     text = card.model_dump_json()
     if path.suffix == ".zip":

@@ -10,7 +10,7 @@ import numpy as np
 
 from allegro_twin.errors import CommandError, ConfigError, unknown
 from allegro_twin.files.assets import find_file
-from allegro_twin.learning.policy.card import PolicyCard, onnx_session, read_card
+from allegro_twin.learning.policy.card import NetworkCard, PolicyCard, onnx_session, read_card
 from allegro_twin.learning.policy.controller import Policy, PolicyController
 from allegro_twin.learning.policy.interface import Floats, Observation
 from allegro_twin.spec import HandSpec
@@ -42,6 +42,11 @@ def load_policy(path: str | Path, *, trust: bool = False) -> LoadedPolicy:
     policy = _Onnx(file, card) if file.suffix == ".onnx" else _Baselines(file, card)
     card.check_numbers(str(file))
     return LoadedPolicy(policy, card)
+
+
+def onnx_policy(file: Path, card: NetworkCard) -> Policy:
+    """The network of an ONNX file with this card. Raises ConfigError for one of other sizes."""
+    return _Onnx(file, card)
 
 
 def policy_file(path: str | Path) -> Path:
@@ -81,7 +86,7 @@ def check_inputs(path: Path, parts: Iterable[str], who: str) -> None:
 class _Onnx:
     """Inputs have the names of the observation's parts, or `observation` alone; the output is `action`."""
 
-    def __init__(self, path: Path, card: PolicyCard) -> None:
+    def __init__(self, path: Path, card: NetworkCard) -> None:
         self._session = onnx_session(path)
         self._path = path
         inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
@@ -132,7 +137,7 @@ class _Baselines:
         return _checked_action(self._path, self._model.predict(seen, deterministic=True)[0])
 
 
-def _check_sizes(path: Path, sizes: tuple[object, object], card: PolicyCard) -> None:
+def _check_sizes(path: Path, sizes: tuple[object, object], card: NetworkCard) -> None:
     """Raise ConfigError unless the file's spaces are its card's. A free axis of an ONNX file is no number."""
     for size, expected, what in zip(sizes, (card.observation, card.action), ("sees", "gives"), strict=True):
         if isinstance(size, int) and size != expected:

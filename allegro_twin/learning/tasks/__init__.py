@@ -22,7 +22,7 @@ TASKS = {
 GROUP = "allegro_twin.tasks"
 """Entry points of installed packages: a name, and its `module:Class`."""
 NO_BATCH = "ArmPick"
-"""An environment without a batch, and so without recipes and policy cards."""
+"""The environment without a batch (`allegro_twin.pick`)."""
 
 
 def task_names() -> tuple[str, ...]:
@@ -46,7 +46,7 @@ def task_type(name: str) -> type[Task]:
 def explain_no_batch() -> str:
     """Message for the environment without a batch."""
     return (
-        f"{NO_BATCH} is a single environment: train, evaluate and collect take the tasks that have a batch; "
+        f"{NO_BATCH} is a single environment: train and evaluate take it, all else takes the tasks that have a batch; "
         f'any library trains on gymnasium.make("AllegroTwin/{NO_BATCH}-v0")'
     )
 

@@ -10,11 +10,10 @@ from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Protocol
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.atomic_write import atomic_file, write_error
-from allegro_twin.learning.training.settings import Recipe
 
 COLUMNS = ("steps", "seconds", "episodes", "return", "length", "success", "evaluated")
 """The first columns of a curve. Actions in all; s of training; episodes that ended since the last row; their mean
@@ -33,10 +32,23 @@ _RUN_ID = "wandb_id"
 """File with the id of a folder's run, so that a continued training continues its run."""
 
 
+class LoggedRecipe(Protocol):
+    """Recipe of a training that is logged."""
+
+    @property
+    def log(self) -> tuple[str, ...]:
+        """Names of the logs."""
+        ...
+
+    def model_dump(self, *, mode: str) -> dict[str, Any]:
+        """All its values."""
+        ...
+
+
 class TrainingLog:
     """Writes rows of values to all logs of a recipe. Raises ConfigError where Weights & Biases refuses to begin."""
 
-    def __init__(self, recipe: Recipe, folder: Path, steps: int) -> None:
+    def __init__(self, recipe: LoggedRecipe, folder: Path, steps: int) -> None:
         """`steps`: actions so far. What a killed training wrote beyond these is replaced, or hidden."""
         self._seconds, self._steps = 0.0, steps
         self._curve = LearningCurve(folder / "curve.csv", steps) if "csv" in recipe.log else None
@@ -128,7 +140,7 @@ class LearningCurve:
             writer.writerows(rows)
 
 
-def check_logs(recipe: Recipe, extra: str) -> None:
+def check_logs(recipe: LoggedRecipe, extra: str) -> None:
     """Raise ConfigError where a package of a log is missing; `extra` brings TensorBoard."""
     for name, brings in (("tensorboard", extra), ("wandb", "wandb")):
         if name in recipe.log:
@@ -140,7 +152,7 @@ def check_logs(recipe: Recipe, extra: str) -> None:
                 ) from error
 
 
-def _begin_run(recipe: Recipe, folder: Path) -> Any:
+def _begin_run(recipe: LoggedRecipe, folder: Path) -> Any:
     """A run of Weights & Biases; its own environment variables (WANDB_MODE=offline, WANDB_PROJECT) apply."""
     wandb = import_module("wandb")
     path = folder / _RUN_ID

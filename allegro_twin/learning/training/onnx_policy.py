@@ -13,7 +13,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.atomic_write import atomic_file
-from allegro_twin.learning.policy.card import PolicyCard, write_card
+from allegro_twin.learning.policy.card import NetworkCard, write_card
 from allegro_twin.learning.training.goal_features import HAD, SCALAR, VECTOR, WANTED
 from allegro_twin.learning.training.progress import ACHIEVED, GOAL
 
@@ -56,7 +56,7 @@ class PolicyNetwork:
     """Goals are orientations (allegro_twin/learning/training/goal_features.py)."""
 
 
-def to_onnx(policy: PolicyNetwork, path: Path, card: PolicyCard) -> None:
+def to_onnx(policy: PolicyNetwork, path: Path, card: NetworkCard) -> None:
     """Write the mean action, within [-1, 1]."""
     names = list(policy.widths)
     inputs = [_floats(name, width) for name, width in policy.widths.items()]

@@ -14,7 +14,7 @@ from allegro_twin.errors import ConfigError, HandError
 from allegro_twin.files.assets import find_file, read_yaml
 from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.files.fingerprints import fingerprint, source_fingerprint
-from allegro_twin.files.schema import parse_settings
+from allegro_twin.files.schema import Settings, parse_settings
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.gains import gains_names, load_gains
 from allegro_twin.learning.training.settings import Recipe
@@ -174,7 +174,7 @@ def round_length(recipe: Recipe, progress: TrainingProgress) -> int:
     return min(recipe.round_steps, recipe.total - progress.steps)
 
 
-def write_recipe(folder: Path, recipe: Recipe) -> None:
+def write_recipe(folder: Path, recipe: Settings) -> None:
     """Write the recipe of the policy in a folder."""
     with atomic_file(folder / "recipe.json") as temporary:
         temporary.write_text(json.dumps(recipe.model_dump(mode="json"), indent=1))

@@ -37,6 +37,8 @@ SELECTION = 2_000_000_000
 """First seed of the evaluation at the end of a training, which decides whether another one follows."""
 LOOKED_AT = "trained on: by a look"
 """Name of `Recipe.looked_at` in reports."""
+REPORT, FILM = "evaluation.json", "policy.mp4"
+"""Files beside a trained policy."""
 HELD_OUT = "held out"
 """Name of `Recipe.held_out` in reports."""
 

@@ -171,10 +171,14 @@ def load_recipe(name: str, **changes: Any) -> Recipe:
     if ":" in name or name in task_names():
         return parse_settings(Recipe, {"task": name} | given | ({"environment": own} if own else {}),
                               lambda place: source(place, "recipe"))  # fmt: skip
+    if (data_root() / "conf" / "pick" / f"{name}.yaml").is_file():
+        raise ConfigError(explain_no_batch())
     if "." not in name and "/" not in name and name not in shipped:
         raise ConfigError(unknown("task or recipe", name, {*task_names(), *shipped}))
     path = shipped.get(name) or find_file(name, "recipe", "conf/training")
     content = read_yaml(path)
+    if content.get("task") == NO_BATCH:
+        raise ConfigError(f"{path}: {explain_no_batch()}")
     if own:
         content["environment"] = content.get("environment", {}) | own
     return parse_settings(Recipe, content | given, lambda place: source(place, str(path)))

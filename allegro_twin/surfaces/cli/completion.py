@@ -66,7 +66,7 @@ def tasks() -> list[str]:
 
 def recipes() -> list[str]:
     """Tasks and recipes."""
-    return [*tasks(), *_stems("conf/training")]
+    return [*tasks(), *_stems("conf/training"), *_stems("conf/pick")]
 
 
 def _stems(folder: str, pattern: str = "*.yaml") -> list[str]:

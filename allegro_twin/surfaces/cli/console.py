@@ -295,6 +295,17 @@ def policy_table(found: Sequence[Comparison], recipe: Recipe, seed: int) -> Tabl
     return table
 
 
+def pick_table(found: Sequence[Comparison], seed: int) -> Table:
+    """Success of a policy of `ArmPick`, and of the script, in each set of episodes with seeds from `seed` on."""
+    title = f"success in the same episodes, seeds from {seed} (95 % interval)"
+    table = Table(title=title, title_justify="left", title_style="bold")
+    for column in ("objects", "episodes", "policy", "script"):
+        table.add_column(column, justify="left" if column == "objects" else "right")
+    for each in found:
+        table.add_row(each.name, str(len(each.policy.success)), success_rate(each.policy), success_rate(each.no_action))
+    return table
+
+
 def _share_name(term: str) -> str:
     """What a share is of."""
     return {"by_tips": "by fingertips, share of force"}.get(term, f"{term.replace('_', ' ')}, share of time")

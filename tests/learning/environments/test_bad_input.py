@@ -12,11 +12,11 @@ import pytest
 from pydantic import ValidationError
 
 import allegro_twin.gym  # noqa: F401  # Registers the ids.
-from allegro_twin.cell.pick.env import ArmPick
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.mpc.settings import MpcSettings
+from allegro_twin.pick.env import ArmPick
 
 LEMON: dict[str, Any] = {"objects": ("lemon",)}
 
@@ -78,11 +78,6 @@ def test_a_closed_environment_with_pictures_says_that_it_is_closed(picture: str)
         env.close()
         with pytest.raises(CommandError, match="the environment is closed, and takes no more pictures: make a new"):
             env.step(action)
-
-
-def test_the_pick_has_no_policy_to_name() -> None:
-    with pytest.raises(ConfigError, match="ArmPick has no policies that ship, and no cards of them: leave policy out"):
-        ArmPick(policy="lift_right")
 
 
 def test_the_pick_says_where_a_vector_of_it_takes_its_autoreset_mode() -> None:

@@ -52,7 +52,8 @@ CONTRADICTIONS: list[tuple[str, dict[str, Any], str]] = [
 
 
 def test_every_policy_ships_with_the_environment_of_its_recipe_and_fits_it() -> None:
-    assert {path.stem for path in (data_root() / "conf" / "policies").glob("*.onnx")} == {*POLICIES}
+    shipped = {path.stem for path in (data_root() / "conf" / "policies").glob("*.onnx")}
+    assert shipped - {"arm_pick_right"} == {*POLICIES}, "that of ArmPick has a card of its own"
     for name, recipe_name in POLICIES.items():
         recipe, card = load_recipe(recipe_name), read_card(data_root() / "conf" / "policies" / f"{name}.onnx")
         settings = engine.read_keywords(recipe.task, {"policy": name})

@@ -21,6 +21,7 @@ PLACES = {
     "grasp": "conf/grasps/*.yaml",
     "trajectory": "conf/trajectories/*.yaml",
     "recipe": "conf/training/*.yaml",
+    "pick": "conf/pick/*.yaml",
     "mpc": "conf/mpc/*.yaml",
     "lab": "conf/lab_*.yaml",
 }
@@ -52,6 +53,7 @@ def models() -> dict[str, type[Settings]]:
     from allegro_twin.hands.library.entries import GraspFile, PostureFile, TrajectoryFile
     from allegro_twin.learning.mpc.settings import MpcSettings
     from allegro_twin.learning.training.settings import Recipe
+    from allegro_twin.pick.recipe import PickRecipe
 
     return {
         "config": RunConfig,
@@ -61,6 +63,7 @@ def models() -> dict[str, type[Settings]]:
         "grasp": GraspFile,
         "trajectory": TrajectoryFile,
         "recipe": Recipe,
+        "pick": PickRecipe,
         "mpc": MpcSettings,
         "lab": LabSettings,
     }

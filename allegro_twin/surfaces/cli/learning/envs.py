@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from rich.table import Table
 
-from allegro_twin.cell.pick.env import ArmPick
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.gym import NAMESPACE, PICK, VERSION
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.environments.spaces import action_space, describe_space, observation_space
 from allegro_twin.learning.tasks import NO_BATCH, TASKS, make_task, task_names
+from allegro_twin.pick.env import ArmPick
 
 
 def environment_table(only: str = "") -> Table:

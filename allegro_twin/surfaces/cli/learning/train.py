@@ -14,8 +14,6 @@ from allegro_twin.surfaces.cli import completion, options
 if TYPE_CHECKING:
     from allegro_twin.learning.training.settings import Recipe
 
-EVALUATION, FILM = "evaluation.json", "policy.mp4"
-"""Files beside a trained policy."""
 Episodes = Annotated[
     int, typer.Option(help="Episodes of the evaluation, for each set of objects.", callback=options.positive)
 ]
@@ -24,7 +22,7 @@ Episodes = Annotated[
 def train(
     task: Annotated[
         str,
-        typer.Argument(help="A task, or a recipe by path or name (conf/training).", autocompletion=completion.recipes),
+        typer.Argument(help="A task, or a recipe by path or name (`list recipes`).", autocompletion=completion.recipes),
     ],
     out: Annotated[
         Path | None,
@@ -50,12 +48,20 @@ def train(
 ) -> None:
     """Train a policy, or continue an interrupted training."""
     from allegro_twin.files.output_folder import lock_folder
-    from allegro_twin.learning.training import load_recipe
+    from allegro_twin.learning.training import load_recipe, report
     from allegro_twin.learning.training import train as learn
-    from allegro_twin.learning.training.report import check_seeds
+    from allegro_twin.pick.recipe import load_pick_recipe
     from allegro_twin.surfaces.cli import console
+    from allegro_twin.surfaces.cli.learning.pick import train_arm_pick
 
     logs = None if log is None else [name.strip() for name in log.split(",") if name.strip()]
+    pick = load_pick_recipe(task, hand=hand, side=side, envs=envs, seed=seed, log=logs)
+    if pick is not None:
+        for option, value in (("--steps", steps), ("--device", device), ("--sweep", sweep), ("--jobs", jobs)):
+            if value not in (None, 1, "cpu"):
+                raise ConfigError(f"{option} {value} is for tasks with a batch, and ArmPick has none: leave it out")
+        train_arm_pick(pick, task, out, episodes, video)
+        return
     recipe = load_recipe(task, hand=hand, side=side, device=device, steps=steps, envs=envs, seed=seed, log=logs)
     if sweep is not None:
         folder = out or Path("runs") / f"{Path(task).stem.lower()}-{sweep.stem}"
@@ -65,7 +71,7 @@ def train(
     if jobs > 1:
         raise ConfigError(f"--jobs {jobs} is for the trainings of a sweep: say --sweep FILE, too, or leave it out")
     folder = out or Path("runs") / Path(task).stem.lower()
-    check_seeds(recipe, episodes, task)
+    report.check_seeds(recipe, episodes, task)
     kept = _Kept(folder, recipe)
     with ExitStack() as stack:
         stack.enter_context(options.interruptible(progress=kept.line))
@@ -75,7 +81,7 @@ def train(
         job = bar.add_task(recipe.task, total=recipe.total)
 
         def advance(done: int, mean: float, rate: float) -> None:
-            for stale in (EVALUATION, FILM):
+            for stale in (report.REPORT, report.FILM):
                 (folder / stale).unlink(missing_ok=True)  # Of an earlier policy.
             bar.update(job, completed=done, description=f"{recipe.task}: return {mean:.2f}, success {rate:.0%}")
 
@@ -169,10 +175,18 @@ def evaluate_policy(
     from allegro_twin.learning.policy.card import read_card
     from allegro_twin.learning.policy.loading import load_policy
     from allegro_twin.learning.training import load_recipe, report
+    from allegro_twin.pick.recipe import load_pick_recipe
     from allegro_twin.surfaces.cli import console
+    from allegro_twin.surfaces.cli.learning.pick import evaluate_arm_pick
 
     if not 0 <= can <= episodes:
         raise ConfigError(f"--can must be 0 to --episodes, which is {episodes}; not {can}")
+    pick = load_pick_recipe(recipe, hand=hand, side=side)
+    if pick is not None:
+        if can:
+            raise ConfigError(f"--can {can}: an episode of ArmPick has an arm, which is on no CAN bus: leave it out")
+        evaluate_arm_pick(policy, pick, episodes, film, report.SEED if seed is None else seed)
+        return
     loaded = load_recipe(recipe, hand=hand, side=side)
     report.check_objects(loaded, recipe)
     if can:
@@ -208,11 +222,11 @@ def _evaluate_and_film(policy: Path, recipe: Recipe, folder: Path, episodes: int
     from allegro_twin.surfaces.cli import console
 
     compared = report.compare_policy(policy, recipe, episodes, report.SELECTION)
-    report.write_report(compared, folder / EVALUATION)
+    report.write_report(compared, folder / report.REPORT)
     console.console.print(console.policy_table(compared, recipe, report.SELECTION))
     if not video:
         return
     try:
-        report.film_policy(load_policy(policy).policy, recipe, folder / FILM, seed=report.SELECTION)
+        report.film_policy(load_policy(policy).policy, recipe, folder / report.FILM, seed=report.SELECTION)
     except (ConfigError, RecordingError) as error:
         console.warn(f"no film: {error}")  # A film is optional.

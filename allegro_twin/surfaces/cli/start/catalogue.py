@@ -78,9 +78,9 @@ def policies() -> Table:
 
 def recipes() -> Table:
     table = _table("recipes", "name", "task", "actions")
-    for path in sorted((data_root() / "conf" / "training").glob("*.yaml")):
+    for path in sorted(path for name in ("training", "pick") for path in (data_root() / "conf" / name).glob("*.yaml")):
         content = read_yaml(path)
-        table.add_row(path.stem, content["task"], f"{content.get('steps', ''):,}")
+        table.add_row(path.stem, content["task"], f"{content['steps']:,}" if "steps" in content else "")
     return table
 
 

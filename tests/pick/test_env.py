@@ -12,13 +12,13 @@ import pytest
 from gymnasium.utils.env_checker import check_env, data_equivalence
 
 import allegro_twin.gym
-from allegro_twin.cell.pick.env import ArmPick
-from allegro_twin.cell.pick.scripted_policy import ScriptedPick
-from allegro_twin.cell.pick.settings import OBJECTS
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.kinematics.arm import rotation_between
 from allegro_twin.learning.tasks import task_type
 from allegro_twin.learning.training.settings import load_recipe
+from allegro_twin.pick.env import ArmPick
+from allegro_twin.pick.scripted_policy import ScriptedPick
+from allegro_twin.pick.settings import OBJECTS
 from allegro_twin.surfaces.cli.learning.envs import environment_table
 
 SCRIPTED = [{"control": "joints"}, {"control": "grasp", "perception": True}]
@@ -190,7 +190,7 @@ def test_a_computer_that_renders_nothing_is_not_told_as_a_placement_out_of_reach
     def refuse(*_: Any) -> None:
         raise ConfigError("nothing can be rendered here")
 
-    monkeypatch.setattr("allegro_twin.cell.pick.episode.DepthCamera", refuse)
+    monkeypatch.setattr("allegro_twin.pick.episode.DepthCamera", refuse)
     with pytest.raises(ConfigError, match="^nothing can be rendered here$"):
         apple(perception=True).reset(seed=0)
 
@@ -390,7 +390,7 @@ def test_an_action_that_is_none_is_refused() -> None:
         env.step(np.full(22, np.nan, np.float32))
 
 
-def test_training_and_evaluating_say_that_there_is_no_batch() -> None:
+def test_what_needs_a_batch_says_that_there_is_none() -> None:
     for refused in (load_recipe, task_type):
         with pytest.raises(ConfigError, match="ArmPick is a single environment"):
             refused("ArmPick")

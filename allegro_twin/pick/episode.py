@@ -12,8 +12,6 @@ import numpy as np
 from allegro_twin.cell.assembly import waiting_pose
 from allegro_twin.cell.camera.camera import DepthCamera
 from allegro_twin.cell.perception.pipeline import Detection, PerceptionPipeline
-from allegro_twin.cell.pick.scene import PickScene, SceneState
-from allegro_twin.cell.pick.settings import PickOptions, PickSettings
 from allegro_twin.cell.planning.reachability import GraspPlan, plain_grasps
 from allegro_twin.cell.planning.stored_grasps import (
     GraspCandidate,
@@ -30,6 +28,8 @@ from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.arm import rotate
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.pose import Pose
+from allegro_twin.pick.scene import PickScene, SceneState
+from allegro_twin.pick.settings import PickOptions, PickSettings
 from allegro_twin.sim.contact.contacts import STILL
 from allegro_twin.sim.contact.obstacle_clearance import TableObject
 from allegro_twin.sim.objects.catalogue import object_catalogue

@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from allegro_twin.cell.motion.empty_grasp import squeeze_speed
-from allegro_twin.cell.pick.env import ArmPick, Floats
-from allegro_twin.cell.pick.episode import closed_at, posture_at
 from allegro_twin.kinematics.arm import rotation_between
 from allegro_twin.kinematics.pose import Pose
+from allegro_twin.pick.env import ArmPick, Floats
+from allegro_twin.pick.episode import closed_at, posture_at
 from allegro_twin.types import Vector
 
 # All ours, set on 30 episodes of each control.

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.cell.pick.episode import closed_at, posture_at
-from allegro_twin.cell.pick.scripted_policy import ScriptedPick, _there
 from allegro_twin.kinematics.pose import Pose
+from allegro_twin.pick.episode import closed_at, posture_at
+from allegro_twin.pick.scripted_policy import ScriptedPick, _there
 from allegro_twin.types import Vector
 
 PERIOD = 0.05

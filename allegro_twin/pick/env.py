@@ -13,11 +13,12 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
-from allegro_twin.cell.pick.episode import Episodes, PickState
-from allegro_twin.cell.pick.settings import PickOptions, PickSettings
 from allegro_twin.errors import CommandError, ConfigError, HandFault
 from allegro_twin.files.schema import first_difference, parse_settings
 from allegro_twin.kinematics.arm import rotation_between
+from allegro_twin.pick.card import trained_keywords
+from allegro_twin.pick.episode import Episodes, PickState
+from allegro_twin.pick.settings import PickOptions, PickSettings
 from allegro_twin.types import Array, Vector
 from allegro_twin.viewing.camera import Camera
 from allegro_twin.viewing.views import View, check_edges
@@ -49,7 +50,8 @@ class ArmPickState(NamedTuple):
 
 
 class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
-    """The keywords are those of `PickSettings`. Raises ConfigError. A pickle holds how it was made."""
+    """The keywords are those of `PickSettings`, and `policy`, a path or a name, which stands for the environments in
+    which it was trained. Raises ConfigError. A pickle holds how it was made."""
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 26}  # noqa: RUF012  # As Gymnasium has it.
 
@@ -58,11 +60,11 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
         if render_mode not in (None, "rgb_array"):
             raise ConfigError(f"render_mode {render_mode!r}: ArmPick has rgb_array")
         check_edges(width, height)
-        if "policy" in kwargs:
-            raise ConfigError("ArmPick has no policies that ship, and no cards of them: leave policy out")
         if "autoreset_mode" in kwargs:
             raise ConfigError("ArmPick is one environment: gymnasium.make_vec takes its autoreset_mode in "
                               "vector_kwargs: {'autoreset_mode': gymnasium.vector.AutoresetMode.…}")  # fmt: skip
+        if (policy := kwargs.pop("policy", None)) is not None:
+            kwargs = trained_keywords(policy, kwargs)
         self.settings = parse_settings(PickSettings, kwargs, "environment")
         self.render_mode, self._size = render_mode, (width, height)
         self.episodes = Episodes(self.settings)
@@ -72,6 +74,11 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
         self.observation_space = spaces.Box(-BOUND, BOUND, (self.episodes.numbers,), np.float32)
         self._begun, self._over, self._high = False, True, 0.0
         self._spec: EnvSpec | None = None
+
+    @property
+    def numbers(self) -> tuple[int, int]:
+        """Sizes of an observation and of an action."""
+        return self.episodes.numbers, int(np.prod(self.action_space.shape or ()))
 
     @property
     def spec(self) -> EnvSpec | None:

@@ -11,12 +11,12 @@ from allegro_twin.cell.arm.impedance import Impedance, ImpedanceState, Stiffness
 from allegro_twin.cell.arm.limits import at_limit
 from allegro_twin.cell.arm.target import CartesianTarget, Smoothing
 from allegro_twin.cell.motion.finger_paths import SteeredReference, finger_controller
-from allegro_twin.cell.pick.settings import PickSettings
 from allegro_twin.control.controllers import ReferenceMemory
 from allegro_twin.control.trajectory import SetPoint
 from allegro_twin.kinematics.arm import rotate, rotation_between
 from allegro_twin.kinematics.hand import HandKinematics
 from allegro_twin.kinematics.pose import Pose
+from allegro_twin.pick.settings import PickSettings
 from allegro_twin.safety import GuardMemory
 from allegro_twin.sim.contact.contacts import Obstruction, find_contacts, obstructions
 from allegro_twin.sim.engine.backend import DeviceState

@@ -1,1 +1,0 @@
-"""The lab's cell as an environment: take a thing off the table."""
