@@ -161,7 +161,9 @@ def check_card(
     who: str = "the policy",
 ) -> None:
     """Raise ConfigError unless a policy's card is one that this task would write, for any objects."""
-    for name in PolicyCard.model_fields:
+    for name in sorted(
+        PolicyCard.model_fields, key=("observation", "action").__contains__
+    ):  # These follow from others.
         if name in ("scripts", "periods", "note", "algorithm", "environment"):
             continue
         if getattr(card, name) != getattr(task, name):
