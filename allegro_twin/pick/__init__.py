@@ -12,9 +12,9 @@ from allegro_twin._lazy import exports
 if TYPE_CHECKING:
     from allegro_twin.pick.card import load_pick_policy
     from allegro_twin.pick.env import ArmPick
-    from allegro_twin.pick.imitation import train_pick
     from allegro_twin.pick.recipe import PickRecipe, load_pick_recipe
     from allegro_twin.pick.scripted_policy import ScriptedPick
+    from allegro_twin.pick.training import train_pick
 
 __all__ = [
     "ArmPick",
@@ -29,7 +29,7 @@ __getattr__, __dir__ = exports(
     {
         "card": ("load_pick_policy",),
         "env": ("ArmPick",),
-        "imitation": ("train_pick",),
+        "training": ("train_pick",),
         "recipe": ("PickRecipe", "load_pick_recipe"),
         "scripted_policy": ("ScriptedPick",),
     },

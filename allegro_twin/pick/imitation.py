@@ -11,7 +11,6 @@ import json
 import time
 import zipfile
 from collections.abc import Callable
-from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,7 +22,7 @@ from allegro_twin.files.atomic_write import atomic_file
 from allegro_twin.files.fingerprints import fingerprint, source_fingerprint
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.learning.policy.interface import Floats
-from allegro_twin.learning.training.logs import TrainingLog, check_logs
+from allegro_twin.learning.training.logs import TrainingLog
 from allegro_twin.learning.training.onnx_policy import to_onnx
 from allegro_twin.learning.training.progress import EVALUATION, TrainingProgress, TrainingResult, write_recipe
 from allegro_twin.learning.training.regression import ActionRegression
@@ -36,7 +35,6 @@ from allegro_twin.sim.objects.catalogue import object_catalogue
 
 VERSION = 1
 """Version of the trainer. A checkpoint of another version is not continued."""
-_EXTRA = "rl"
 _FREE = ("envs", "log", "trials")
 """Keys of a recipe that may change while a training goes on."""
 
@@ -52,18 +50,10 @@ class _Data(NamedTuple):
         return _Data(*(np.concatenate(columns) for columns in zip(self, other, strict=True)))
 
 
-def train_pick(
-    recipe: PickRecipe,
-    folder: Path,
-    advance: Callable[[int], None] = lambda episodes: None,
-    kept: Callable[[int], None] = lambda rounds: None,
-    source: str = "recipe",
+def learn(
+    recipe: PickRecipe, folder: Path, advance: Callable[[int], None], kept: Callable[[int], None], source: str
 ) -> TrainingResult:
-    """Train in `folder`, or continue what is there. `advance` is told the episodes that are done in all, `kept` the
-    rounds whose checkpoint is there, at the beginning and after each. Steps of the result are states. Raises
-    ConfigError, which names `source`, for objects that cannot be, without the extra, and for a folder of another
-    training; HandError where the training diverges; RecordingError where the disk is full."""
-    _check_packages(recipe)
+    """`train_pick`, where the packages are there."""
     env = ArmPick(**recipe.environment.model_dump(exclude_unset=True))
     for name in recipe.held_out:
         try:
@@ -116,15 +106,6 @@ def _collect(recipe: PickRecipe, number: int, policy: Path, advance: Callable[[i
         recipe.environment, orders, policy if number else None, keep=True, processes=recipe.envs,
         progress=lambda done, of: advance(before + done),
     )  # fmt: skip
-
-
-def _check_packages(recipe: PickRecipe) -> None:
-    for name in ("torch", "onnx", "onnxruntime"):
-        try:
-            import_module(name)
-        except ImportError as error:
-            raise ConfigError(f"training needs {name}: pip install 'allegro-twin[{_EXTRA}]'") from error
-    check_logs(recipe, _EXTRA)
 
 
 def _write_policy(path: Path, learner: ActionRegression, recipe: PickRecipe, progress: TrainingProgress) -> None:

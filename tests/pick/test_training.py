@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -42,7 +43,7 @@ class Killed(Exception):
 def train(given: PickRecipe, folder: Path, kept: Callable[[int], None] = lambda rounds: None) -> bytes:
     """The policy's file, without the seconds in its card."""
     pytest.importorskip("torch")
-    from allegro_twin.pick.imitation import train_pick
+    from allegro_twin.pick.training import train_pick
 
     path = train_pick(given, folder, kept=kept).policy
     observation = np.linspace(-1.0, 1.0, 3 * ArmPick(**SHORT).numbers[0], dtype=np.float32).reshape(3, -1)
@@ -225,3 +226,15 @@ def test_the_policy_that_ships_picks_what_it_was_trained_on() -> None:
     settings = load_pick_policy(SHIPPED).card.settings()
     found = evaluate_pick(settings, 8, SHIPPED, seed=4_000_000_000)
     assert found.success.sum() >= 7, found.by_object()
+
+
+def test_a_training_without_a_package_says_which_and_touches_nothing(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    from allegro_twin.pick.training import train_pick
+
+    monkeypatch.setitem(sys.modules, "onnx", None)
+    monkeypatch.setitem(sys.modules, "torch", type(sys)("torch"))
+    with pytest.raises(ConfigError, match=r"training needs onnx: pip install 'allegro-twin\[rl\]'"):
+        train_pick(recipe(), tmp_path / "out")
+    assert not (tmp_path / "out").exists()

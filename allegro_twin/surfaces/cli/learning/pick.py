@@ -18,8 +18,8 @@ def train_arm_pick(recipe: PickRecipe, named: str, out: Path | None, episodes: i
     from allegro_twin.files.output_folder import lock_folder
     from allegro_twin.learning.training import report
     from allegro_twin.learning.training.report import SELECTION
-    from allegro_twin.pick.imitation import train_pick
     from allegro_twin.pick.report import compare_pick, film_pick
+    from allegro_twin.pick.training import train_pick
     from allegro_twin.surfaces.cli import console
 
     folder = out or Path("runs") / Path(named).stem.lower()
