@@ -119,7 +119,7 @@ TABLE = [
         ("run lemon --grasp nope", 2, "no grasp named 'nope'"),
         ("run lemon --grasp home", 2, "'home' is a posture, not a grasp"),
         ("run lemon --object nope", 2, "no object named 'nope'"),
-        ("run sim_right --policy nope", 2, "no policy named 'nope'; there are: arm_pick_right, grasp_right, hold_disturbed_right"),
+        ("run sim_right --policy nope", 2, "no policy named 'nope'; there are: arm_pick_right, grasp_right, hold_"),
         ("run sim_right --policy text.txt", 2, "text.txt: a policy file ends in .onnx or .zip"),
         ("run sim_right --policy bytes.zip", 2, "bytes.zip: not a zip file"),
         ("run sim_right --policy bytes.onnx", 2, "bytes.onnx: not a readable ONNX file"),
