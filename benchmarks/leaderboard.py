@@ -19,7 +19,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.statistics import wilson
 from allegro_twin.hands.library.entries import HAND
-from allegro_twin.learning.policy.card import PolicyCard, read_card
+from allegro_twin.learning.policy.card import ARM_PICK, PolicyCard, policy_task, read_card
 from allegro_twin.learning.tasks import NO_BATCH, TASKS
 from allegro_twin.pick.card import PickCard, read_pick_card
 
@@ -39,7 +39,7 @@ what stands beside them, 12.8 times; all else is at 26. An empty cell was not me
 | task | environment | who | sees | episodes | success | counted | of | seeds from, physics |
 |---|---|---|---|---|---|---|---|---|
 """
-_KEYWORDS = ("level", "palm", "goals", "position_noise", "hand", "control", "perception")
+_KEYWORDS = ("level", "palm", "grip", "goals", "position_noise", "hand", "control", "perception")
 """Keywords of an environment that say what is asked."""
 _BASELINES = "500,000,000, 3 ms"
 _MPC = "0, 3 ms"
@@ -163,10 +163,7 @@ def planned() -> Iterator[Row]:
 
 
 def _card(network: Path) -> PolicyCard | PickCard:
-    try:
-        return read_card(network)
-    except ConfigError:
-        return read_pick_card(network)
+    return read_pick_card(network) if policy_task(network) == ARM_PICK else read_card(network)
 
 
 def environment(card: PolicyCard | PickCard) -> str:

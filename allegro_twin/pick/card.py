@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.schema import parse_settings
@@ -20,7 +21,7 @@ VARIED = ("objects", "place", "off", "friction", "camera_shift", "camera_turn", 
 class PickCard(NetworkCard):
     """Card of a policy that moves an arm with its hand."""
 
-    task: Literal["AllegroTwin/ArmPick-v0"] = "AllegroTwin/ArmPick-v0"
+    task: str = ARM_PICK
     environment: dict[str, Any]
     """Keywords of the environments that it was trained in."""
 
@@ -60,8 +61,16 @@ def trained_keywords(policy: object, keywords: dict[str, Any]) -> dict[str, Any]
         raise ConfigError(f"policy is the path of a policy's file, or the name of one that ships, not {policy!r}")
     card = read_pick_card(policy)
     trained, given = card.settings(), parse_settings(PickSettings, keywords, "environment")
-    for key in sorted(given.model_fields_set - {*VARIED}):
+    if found := contradiction(trained, given, given.model_fields_set):
+        key, its, value = found
+        raise ConfigError(f"policy {policy} was trained with {key} {its}, not {value}: leave out {key}, or leave "
+                          "out policy and load it with load_pick_policy")  # fmt: skip
+    return trained.keywords() | keywords
+
+
+def contradiction(trained: PickSettings, given: PickSettings, keys: Iterable[str]) -> tuple[str, object, object] | None:
+    """The first of these keys that must be as in the training and is not, with its value there and here."""
+    for key in sorted({*keys} - {*VARIED}):
         if (its := getattr(trained, key)) != (value := getattr(given, key)):
-            raise ConfigError(f"policy {policy} was trained with {key} {its}, not {value}: leave out {key}, or leave "
-                              "out policy and load it with load_pick_policy")  # fmt: skip
-    return card.environment | keywords
+            return key, its, value
+    return None

@@ -24,7 +24,13 @@ from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.learning.policy.interface import Floats
 from allegro_twin.learning.training.logs import TrainingLog
 from allegro_twin.learning.training.onnx_policy import to_onnx
-from allegro_twin.learning.training.progress import EVALUATION, TrainingProgress, TrainingResult, write_recipe
+from allegro_twin.learning.training.progress import (
+    EVALUATION,
+    TrainingProgress,
+    TrainingResult,
+    check_same_inputs,
+    write_recipe,
+)
 from allegro_twin.learning.training.regression import ActionRegression
 from allegro_twin.pick.card import PickCard
 from allegro_twin.pick.env import ArmPick
@@ -54,10 +60,10 @@ def learn(
     recipe: PickRecipe, folder: Path, advance: Callable[[int], None], kept: Callable[[int], None], source: str
 ) -> TrainingResult:
     """`train_pick`, where the packages are there."""
-    env = ArmPick(**recipe.environment.model_dump(exclude_unset=True))
-    for name in recipe.held_out:
+    env = ArmPick(**recipe.environment.keywords())
+    if recipe.held_out:
         try:
-            ArmPick(**recipe.environment.model_dump(exclude_unset=True) | {"objects": (name,)}).close()
+            ArmPick(**recipe.environment.keywords() | {"objects": recipe.held_out}).close()
         except ConfigError as error:
             raise ConfigError(f"{source}: held_out: {error}") from error
     env.close()
@@ -70,7 +76,7 @@ def learn(
             if progress.rounds:
                 _write_policy(policy, learner, recipe, progress)  # Where a run ended before it was written.
             began = time.monotonic()
-            found = _collect(recipe, progress.rounds, policy, advance)
+            found = _collect(recipe, progress.rounds, policy, env.episodes.limit, advance)
             new = _Data(found.observed, found.taught)
             data = data.plus(new)
             last = progress.rounds == recipe.rounds - 1
@@ -92,15 +98,16 @@ def learn(
     return TrainingResult(policy, progress, rate)
 
 
-def _collect(recipe: PickRecipe, number: int, policy: Path, advance: Callable[[int], None]) -> PickRollouts:
+def _collect(recipe: PickRecipe, number: int, policy: Path, limit: int, advance: Callable[[int], None]) -> PickRollouts:
+    """The episodes of a round; `limit` of the decisions in one."""
     seeds = recipe.training_seeds()[number * recipe.episodes : (number + 1) * recipe.episodes]
-    orders, longest = [], round(recipe.environment.seconds / recipe.environment.period / recipe.environment.decimation)
+    orders = []
     for seed in seeds:
         draws = np.random.default_rng([seed, 0])
         if not number or draws.random() < recipe.led:
             orders.append(EpisodeOrder(seed, ALWAYS, recipe.noise))
         else:
-            orders.append(EpisodeOrder(seed, int(draws.integers(longest)) * int(draws.integers(2))))
+            orders.append(EpisodeOrder(seed, int(draws.integers(limit)) * int(draws.integers(2))))
     before = number * recipe.episodes
     return roll_out(
         recipe.environment, orders, policy if number else None, keep=True, processes=recipe.envs,
@@ -111,7 +118,7 @@ def _collect(recipe: PickRecipe, number: int, policy: Path, advance: Callable[[i
 def _write_policy(path: Path, learner: ActionRegression, recipe: PickRecipe, progress: TrainingProgress) -> None:
     card = PickCard(
         observation=learner.sizes[0], action=learner.sizes[1],
-        environment=recipe.environment.model_dump(mode="json", exclude_unset=True),
+        environment=recipe.environment.keywords(),
         note=f"DAgger of the script, seed {recipe.seed}, {progress.rounds} rounds of {recipe.episodes} episodes, "
              f"{progress.steps} states in {progress.seconds:.0f} s",
     )  # fmt: skip
@@ -176,7 +183,4 @@ def _check_same(path: Path, content: dict[str, Any], recipe: PickRecipe) -> None
         key = changed[0]
         raise ConfigError(f"{path.parent.parent} is a training with {key} {was.get(key)}, not {now.get(key)}: choose "
                           "another folder")  # fmt: skip
-    made_of, current = content["made_of"], _inputs(recipe)
-    if other := [name for name in {**current, **made_of} if made_of.get(name) != current.get(name)]:
-        raise ConfigError(f"{path.parent.parent} is a training with another {', '.join(other)}: choose another folder, "
-                          "or put back what it began with")  # fmt: skip
+    check_same_inputs(path, content["made_of"], _inputs(recipe))

@@ -6,16 +6,19 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.errors import unknown
 from allegro_twin.files.assets import data_root, find_file, read_yaml
-from allegro_twin.files.schema import Positive, Settings, parse_settings
+from allegro_twin.files.schema import Positive, Settings
 from allegro_twin.learning.tasks import NO_BATCH
+from allegro_twin.learning.training.settings import changed_recipe
 from allegro_twin.pick.settings import PickSettings
 from allegro_twin.sim.objects.catalogue import object_catalogue
 
 Count = Annotated[int, Field(ge=1)]
 Share = Annotated[float, Field(ge=0, le=1)]
 FOLDER = "conf/pick"
+_FIRST, _SEEDS = 100_000, 90_000
+"""First seed of all trainings, and how many episodes a training can have."""
 
 
 class PickRecipe(Settings):
@@ -64,13 +67,13 @@ class PickRecipe(Settings):
 
     def training_seeds(self) -> range:
         """Seeds of the training's episodes."""
-        first = 100_000 + self.seed * 90_000
+        first = _FIRST + self.seed * _SEEDS
         return range(first, first + self.rounds * self.episodes)
 
     @model_validator(mode="after")
     def _check_seeds(self) -> Self:
-        if self.rounds * self.episodes > 90_000:
-            raise ValueError(f"{self.rounds} rounds of {self.episodes} episodes are more than 90,000 episodes")
+        if self.rounds * self.episodes > _SEEDS:
+            raise ValueError(f"{self.rounds} rounds of {self.episodes} episodes are more than {_SEEDS:,} episodes")
         return self
 
 
@@ -78,26 +81,11 @@ def load_pick_recipe(name: str, **changes: Any) -> PickRecipe | None:
     """The recipe of `ArmPick` that `name` is: its path, its name in conf/pick, or `ArmPick` for the default values.
     None where it is of another task, or there is none. `changes` that are None are left out; `hand` and `side` are the
     environment's. Raises ConfigError."""
-    given = {key: value for key, value in changes.items() if value is not None}
-    own: dict[str, Any] = {key: given.pop(key) for key in ("hand", "side") if key in given}
-    where, content = "recipe", dict[str, Any](task=NO_BATCH)
-    if name != NO_BATCH:
-        shipped = data_root() / FOLDER / f"{name}.yaml"
-        if "/" not in name and "." not in name and not shipped.is_file():
-            return None
-        if ":" in name:
-            return None
-        path = find_file(name, "recipe", FOLDER)
-        content, where = read_yaml(path), str(path)
-        if content.get("task") != NO_BATCH:
-            return None
-    environment: Any = content.get("environment") or {}
-    if own and not isinstance(environment, dict):
-        raise ConfigError(f"{where}: environment: keywords are a mapping, not {environment!r}")
-
-    def source(place: tuple[int | str, ...]) -> str:
-        """The option that is wrong, or else the recipe."""
-        key = next((part for part in place if part != "environment"), "")
-        return f"--{key}" if key in (own if place[:1] == ("environment",) else given) else where
-
-    return parse_settings(PickRecipe, content | given | ({"environment": environment | own} if own else {}), source)
+    if name == NO_BATCH:
+        return changed_recipe(PickRecipe, {"task": NO_BATCH}, "recipe", changes)
+    ships = (data_root() / FOLDER / f"{name}.yaml").is_file()
+    if ":" in name or not (ships or "/" in name or "." in name):
+        return None
+    path = find_file(name, "recipe", FOLDER)
+    content = read_yaml(path)
+    return changed_recipe(PickRecipe, content, str(path), changes) if content.get("task") == NO_BATCH else None

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.learning.training.report import HELD_OUT, SEED, Comparison
-from allegro_twin.pick.card import VARIED, PickPolicy, load_pick_policy, read_pick_card
+from allegro_twin.learning.training.report import HELD_OUT, SEED, Comparison, film_episodes
+from allegro_twin.pick.card import contradiction, load_pick_policy, read_pick_card
 from allegro_twin.pick.env import ArmPick
 from allegro_twin.pick.recipe import PickRecipe
 from allegro_twin.pick.rollouts import evaluate_pick
 from allegro_twin.pick.settings import PickSettings
-from allegro_twin.viewing.camera import Picture
-from allegro_twin.viewing.films import film
 
 
 def compare_pick(policy: Path, recipe: PickRecipe, episodes: int, seed: int = SEED) -> list[Comparison]:
@@ -41,12 +38,14 @@ def pick_sets(recipe: PickRecipe) -> dict[str, PickSettings]:
 def check_pick_policy(policy: Path, recipe: PickRecipe) -> None:
     """Raise ConfigError for a policy of other environments, or one that was trained on a held-out object."""
     trained = read_pick_card(policy).settings()
-    for key in sorted(PickSettings.model_fields.keys() - {*VARIED}):
-        if (its := getattr(trained, key)) != (value := getattr(recipe.environment, key)):
-            raise ConfigError(
-                f"the policy was trained with {key} {its}, these environments have {value}: give the recipe that it "
-                "was trained with"
-            )
+    if found := contradiction(trained, recipe.environment, PickSettings.model_fields):
+        key, its, value = found
+        raise ConfigError(
+            f"the policy was trained with {key} {its}, these environments have {value}: give the recipe that it "
+            "was trained with"
+        )
+    if others := sorted({*recipe.environment.objects} - {*trained.objects}):
+        raise ConfigError(f"environment.objects: the policy was not trained on {others[0]}: name it in held_out")
     if known := sorted({*recipe.held_out} & {*trained.objects}):
         raise ConfigError(f"held_out: {known[0]} is among the objects that the policy was trained on: leave it out")
 
@@ -55,18 +54,5 @@ def film_pick(policy: Path, recipe: PickRecipe, path: Path, episodes: int = 3, s
     """Film some episodes of the seeds from `seed` on, on held-out objects, or else on those of the training. Raises
     ConfigError without a renderer."""
     settings = list(pick_sets(recipe).values())[-1]
-    env = ArmPick(render_mode="rgb_array", **settings.model_dump(exclude_unset=True))
-    film(_pictures(env, load_pick_policy(policy), episodes, seed), path, round(1.0 / env.episodes.seconds))
-    env.close()
-
-
-def _pictures(env: ArmPick, policy: PickPolicy, episodes: int, seed: int) -> Iterator[Picture]:
-    for episode in range(episodes):
-        observation, _ = env.reset(seed=seed + episode)
-        over = False
-        while not over:
-            picture = env.render()
-            assert picture is not None
-            yield picture
-            observation, _, lost, late, _ = env.step(policy.policy(observation))
-            over = lost or late
+    env = ArmPick(render_mode="rgb_array", **settings.keywords())
+    film_episodes(env, load_pick_policy(policy).policy, path, env.episodes.seconds, episodes, seed)

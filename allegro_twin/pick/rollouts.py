@@ -62,7 +62,7 @@ def roll_out(
     """Run all. `keep`: with what was observed and what the script would have done. `processes`: how many at once; None
     for one for each core. Raises HandError."""
     shared: dict[str, Any] = {
-        "environment": settings.model_dump(mode="json", exclude_unset=True),
+        "environment": settings.keywords(),
         "policy": None if policy is None else [str(policy.resolve()), fingerprint([policy])],
         "keep": keep,
     }
@@ -71,14 +71,13 @@ def roll_out(
     for row in rows:
         if row["error"]:
             raise HandError(f"an episode of ArmPick: {row['error']}")
-    wide = _environment(_key(shared["environment"]))
     return PickRollouts(
         np.array([row["success"] for row in rows]),
         np.array([row["return"] for row in rows]),
         np.array([row["length"] for row in rows]),
         tuple(row["object"] for row in rows),
-        _floats([row["observed"] for row in rows], wide.numbers[0]),
-        _floats([row["taught"] for row in rows], wide.numbers[1]),
+        _floats(rows, "observed"),
+        _floats(rows, "taught"),
     )
 
 
@@ -138,5 +137,6 @@ def _policy(path: str, content: str) -> Policy:
     return load_pick_policy(path).policy
 
 
-def _floats(rows: Sequence[bytes], width: int) -> Floats:
-    return np.frombuffer(b"".join(rows), np.float32).reshape(-1, width).copy()
+def _floats(rows: Sequence[Mapping[str, Any]], name: str) -> Floats:
+    """The arrays of all episodes, (decisions, numbers), one after the other."""
+    return np.concatenate([np.frombuffer(row[name], np.float32).reshape(row["length"], -1) for row in rows])

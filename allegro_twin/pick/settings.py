@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -56,6 +56,10 @@ class PickSettings(Settings):
     """Control periods between two actions."""
     seconds: Positive = 7.0
     """Duration of an episode, s."""
+
+    def keywords(self) -> dict[str, Any]:
+        """The keywords that were given, as plain data."""
+        return self.model_dump(mode="json", exclude_unset=True)
 
     @model_validator(mode="after")
     def _camera_used(self) -> Self:

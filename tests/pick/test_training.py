@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import sys
 from collections.abc import Callable
@@ -13,13 +14,15 @@ import numpy as np
 import pytest
 
 import allegro_twin.gym
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.assets import data_root
+from allegro_twin.learning.policy.card import ARM_PICK
 from allegro_twin.learning.policy.loading import load_policy
 from allegro_twin.learning.training.settings import load_recipe
 from allegro_twin.pick.card import load_pick_policy
 from allegro_twin.pick.env import ArmPick
 from allegro_twin.pick.recipe import PickRecipe, load_pick_recipe
+from allegro_twin.pick.report import check_pick_policy
 from allegro_twin.pick.rollouts import ALWAYS, EpisodeOrder, evaluate_pick, roll_out
 from allegro_twin.pick.settings import PickSettings
 from allegro_twin.surfaces.cli import console
@@ -145,6 +148,35 @@ def test_what_no_training_can_be_is_refused_with_the_file_and_the_key(
         load_pick_recipe(str(path))
 
 
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"environment": SHORT, "held_out": ["mug"]}, "held_out: mug is among the objects that the policy was trained"),
+        ({"environment": {"control": "grasp", "objects": ["lemon"]}}, "objects: the policy was not trained on lemon"),
+        ({"environment": {"control": "grasp", "turn": 0.2}}, "trained with turn 0.1, these environments have 0.2"),
+    ],
+)
+def test_an_evaluation_calls_nothing_unseen_or_known_that_is_not(given: dict[str, Any], message: str) -> None:
+    pytest.importorskip("onnxruntime")
+    with pytest.raises(ConfigError, match=message):
+        check_pick_policy(SHIPPED, PickRecipe.model_validate({"task": "ArmPick"} | given))
+
+
+@pytest.mark.slow
+def test_a_full_disk_is_told_with_what_the_same_command_does_then(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    pytest.importorskip("torch")
+    from allegro_twin.pick import imitation
+
+    def full(*given: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(imitation, "_write", full)
+    with pytest.raises(RecordingError, match="is full: make room there, and the same command begins anew"):
+        train(recipe(), tmp_path)
+
+
 def test_a_recipe_is_a_file_a_name_that_ships_or_the_task_and_of_no_other_task(tmp_path: Path) -> None:
     assert load_pick_recipe("ArmPick", seed=3, side="left", log=None) == PickRecipe(
         task="ArmPick", seed=3, environment=PickSettings(side="left")
@@ -163,6 +195,10 @@ def test_no_two_seeds_share_an_episode_and_no_evaluation_has_one() -> None:
     seeds = [PickRecipe(task="ArmPick", seed=seed, rounds=900, episodes=100).training_seeds() for seed in (0, 1, 9999)]
     assert not set(seeds[0]) & set(seeds[1])
     assert seeds[2].stop < 1_000_000_000
+
+
+def test_its_id_is_that_of_its_cards() -> None:
+    assert allegro_twin.gym.PICK == ARM_PICK
 
 
 def ask(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:
@@ -184,6 +220,8 @@ def ask(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], *wor
         (("evaluate", "lift_right", "arm_pick"), "is a policy of AllegroTwin/Lift-v0, not of AllegroTwin/ArmPick-v0"),
         (("evaluate", "lift_right", "arm_pick", "--can", 3), "--can 3: an episode of ArmPick has an arm"),
         (("evaluate", "arm_pick_right", "Lift"), "is a policy of ArmPick, which moves an arm with its hand"),
+        (("evaluate", "arm_pick_right", "nothing.yaml"), "no such recipe file"),
+        (("train", "arm_pik"), "no task or recipe named 'arm_pik'; did you mean 'arm_pick'"),
         (("evaluate", "arm_pick_right", "ArmPick"), "was trained with control grasp, these environments have joints"),
         (("mpc", "arm_pick"), "ArmPick is a single environment: train and evaluate take it"),
     ],
@@ -214,11 +252,11 @@ def test_a_training_and_an_evaluation_show_the_policy_beside_the_script_in_the_s
     assert "script" in output
     film = tmp_path / "film.mp4"
     code, output, errors = ask(
-        monkeypatch, capfd, "evaluate", out / "policy.onnx", path, "--episodes", 1, "--seed", 100_000
+        monkeypatch, capfd, "evaluate", out / "policy.onnx", path, "--episodes", 1, "--seed", 100_000, "--film", film
     )
     assert code == 0
     assert "seeds 100000 to 100000: some are those of the training" in errors
-    assert not film.exists()
+    assert film.stat().st_size > 1000
 
 
 @pytest.mark.slow

@@ -189,6 +189,11 @@ def read_card(path: Path) -> PolicyCard:
     return _parsed(path, content, PolicyCard)
 
 
+def policy_task(path: Path) -> str:
+    """Id of the environment of a policy. Raises ConfigError as `read_card` does."""
+    return str(_card_content(path).get("task"))
+
+
 def read_network_card(path: Path, kind: type[CardType], task: str) -> CardType:
     """Read a card of another kind. Raises ConfigError as `read_card` does, and for another task's."""
     content = _card_content(path)

@@ -5,14 +5,14 @@ from __future__ import annotations
 
 import errno
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from allegro_twin.errors import ConfigError, RecordingError
-from allegro_twin.learning.training.logs import check_logs
+from allegro_twin.learning.training.logs import LoggedRecipe, check_logs
 from allegro_twin.learning.training.settings import Recipe, load_recipe
 
 if TYPE_CHECKING:
@@ -45,16 +45,23 @@ def train(
     check_objects(recipe, source)
     module = {"rsl-rl": "rsl.ppo", "dagger": "rsl.dagger"}.get(recipe.learner, "sb3.ppo")
     learn = import_module(f"allegro_twin.learning.training.{module}").learn
+    with full_disk_as_error(folder):
+        trained: TrainingResult = learn(recipe, folder, advance, kept)
+    return trained
+
+
+@contextmanager
+def full_disk_as_error(folder: Path) -> Iterator[None]:
+    """Raise RecordingError where a training in `folder` finds its disk full, with what the same command does then."""
     try:
         with _errors_of_threads():
-            trained: TrainingResult = learn(recipe, folder, advance, kept)
+            yield
     except OSError as error:
         if not _is_full(error):
             raise
         rounds = [int(path.stem) for path in folder.glob("checkpoints/[0-9]*.*")]
         where = f"goes on from checkpoint {max(rounds)}" if rounds else "begins anew"
         raise RecordingError(f"the disk of {folder} is full: make room there, and the same command {where}") from error
-    return trained
 
 
 @contextmanager
@@ -83,7 +90,11 @@ def _is_full(error: BaseException | None) -> bool:
 
 def check_packages(recipe: Recipe) -> None:
     """Raise ConfigError where a package is missing that this training needs."""
-    extra, needed = {"rsl-rl": _RSL, "dagger": _DAGGER}.get(recipe.learner, _STABLE)
+    check_extra(*{"rsl-rl": _RSL, "dagger": _DAGGER}.get(recipe.learner, _STABLE), recipe)
+
+
+def check_extra(extra: str, needed: Sequence[str], recipe: LoggedRecipe) -> None:
+    """Raise ConfigError where one of the packages that `extra` brings is missing, or one of the recipe's logs."""
     for name in needed:
         try:
             import_module(name)

@@ -89,7 +89,7 @@ def checked_progress(path: Path, content: Mapping[str, Any], recipe: Recipe) -> 
             "train anew in another folder"
         )
     check_same_recipe(path, content["recipe"], recipe)
-    check_same_inputs(path, content.get("made_of", {}), recipe)
+    check_same_inputs(path, content.get("made_of", {}), input_fingerprints(recipe))
     progress = TrainingProgress(**content["progress"])
     if progress.steps > recipe.total:
         raise ConfigError(
@@ -99,9 +99,8 @@ def checked_progress(path: Path, content: Mapping[str, Any], recipe: Recipe) -> 
     return progress
 
 
-def check_same_inputs(path: Path, was: Mapping[str, str], recipe: Recipe) -> None:
+def check_same_inputs(path: Path, was: Mapping[str, str], now: Mapping[str, str]) -> None:
     """Raise ConfigError for a checkpoint with other inputs: to continue it would mix two trainings."""
-    now = input_fingerprints(recipe)
     changed = [name for name in {**now, **was} if was.get(name) != now.get(name)]
     if changed:
         raise ConfigError(

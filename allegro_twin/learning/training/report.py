@@ -8,8 +8,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
+import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
@@ -61,7 +62,7 @@ def compare_policy(path: Path, recipe: Recipe, episodes: int, seed: int = SEED) 
     still = ZeroPolicy(loaded.card.action)
     task = make_task(recipe.task, as_shipped(recipe.environment), 1, 1)
     check_card(loaded.card, task.card())
-    _check_unseen(recipe, task.object_names())
+    _check_unseen(recipe, task.object_names(), judged=path)
     return [
         Comparison(
             name,
@@ -104,16 +105,16 @@ def check_objects(recipe: Recipe, source: str = "recipe") -> None:
                 raise ConfigError(f"{source}: {key}: {error}") from error
 
 
-def _check_unseen(recipe: Recipe, names: Sequence[str], before: str = "") -> None:
+def _check_unseen(recipe: Recipe, names: Sequence[str], before: str = "", judged: Path | None = None) -> None:
     """Raise ConfigError, whose text begins with `before`, for an object under two of: the training's, with these
-    `names`; `looked_at`; `held_out`."""
+    `names`, with those of the policies before it and of one that is `judged`; `looked_at`; `held_out`."""
     known = list(recipe.environment.objects or ())
     whose = dict.fromkeys(names, "the training's environments")
-    for key, policy in (("start", recipe.start), ("teacher", recipe.teacher)):
+    for key, policy in (("start ", recipe.start), ("teacher ", recipe.teacher), ("", judged)):
         if policy is not None:
             theirs, of_it = _trained_on(policy)
             known += theirs
-            whose = dict.fromkeys(of_it, f"the training of {key} {policy}") | whose
+            whose = dict.fromkeys(of_it, f"the training of {key}{policy}") | whose
     for key in ("looked_at", "held_out"):
         choices: Sequence[ObjectChoice] = getattr(recipe, key)
         for choice in choices:
@@ -128,7 +129,7 @@ def _check_unseen(recipe: Recipe, names: Sequence[str], before: str = "") -> Non
         whose |= {object_name(choice): key for choice in choices}
 
 
-def _trained_on(policy: str) -> tuple[Sequence[ObjectChoice], Sequence[str]]:
+def _trained_on(policy: str | Path) -> tuple[Sequence[ObjectChoice], Sequence[str]]:
     """Objects of a policy's training, as its card has them, and the names of all that it drew from; none where the card
     does not say."""
     card = read_card(find_file(policy, "policy", "conf/policies", ".onnx"))
@@ -204,18 +205,23 @@ def film_policy(policy: Policy, recipe: Recipe, path: Path, episodes: int = 3, s
     ConfigError without a renderer."""
     settings = list(evaluation_sets(recipe).values())[-1]
     env = HandEnv(recipe.task, render_mode="rgb_array", **env_keywords(settings))
-    film(_pictures(env, policy, episodes, seed), path, round(1.0 / env.engine.task.interface.seconds))
+    film_episodes(env, policy, path, env.engine.task.interface.seconds, episodes, seed)
+
+
+def film_episodes(
+    env: gymnasium.Env[Any, Any], policy: Policy, path: Path, seconds: float, episodes: int, seed: int
+) -> None:
+    """Film the episodes of the seeds from `seed` on, in an environment whose actions take so long, s; it is closed."""
+    film(_pictures(env, policy, episodes, seed), path, round(1.0 / seconds))
     env.close()
 
 
-def _pictures(env: HandEnv, policy: Policy, episodes: int, seed: int) -> Iterator[Picture]:
+def _pictures(env: gymnasium.Env[Any, Any], policy: Policy, episodes: int, seed: int) -> Iterator[Picture]:
     for episode in range(episodes):
         observation, _ = env.reset(seed=seed + episode)
         over = False
         while not over:
-            picture = env.render()
-            assert picture is not None
-            yield picture
+            yield cast(Picture, env.render())
             observation, _, terminated, truncated, _ = env.step(policy(observation))
             over = terminated or truncated
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import Field, field_validator, model_validator
 
@@ -157,28 +158,37 @@ def load_recipe(name: str, **changes: Any) -> Recipe:
     """A recipe by path or by its name in conf/training (`lift`), or the name of a task (`Lift`): the task as
     `gymnasium.make` has it, with the default values of a recipe. `changes` that are None are left out. Raises
     ConfigError with the nearest names."""
-    given = {key: value for key, value in changes.items() if value is not None}
-    own = {key: given.pop(key) for key in ("hand", "side", "device") if key in given}
-
-    def source(place: tuple[int | str, ...], otherwise: str) -> str:
-        """The option that is wrong, or else the recipe."""
-        key = next((part for part in place if part != "environment"), "")
-        return f"--{key}" if key in (own if place[:1] == ("environment",) else given) else otherwise
-
-    shipped = {path.stem: path for path in sorted((data_root() / "conf" / "training").glob("*.yaml"))}
-    if name == NO_BATCH:
+    shipped, arm = (
+        {path.stem: path for path in sorted((data_root() / "conf" / folder).glob("*.yaml"))}
+        for folder in ("training", "pick")
+    )
+    if name == NO_BATCH or name in arm:
         raise ConfigError(explain_no_batch())
     if ":" in name or name in task_names():
-        return parse_settings(Recipe, {"task": name} | given | ({"environment": own} if own else {}),
-                              lambda place: source(place, "recipe"))  # fmt: skip
-    if (data_root() / "conf" / "pick" / f"{name}.yaml").is_file():
-        raise ConfigError(explain_no_batch())
+        return changed_recipe(Recipe, {"task": name}, "recipe", changes)
     if "." not in name and "/" not in name and name not in shipped:
-        raise ConfigError(unknown("task or recipe", name, {*task_names(), *shipped}))
+        raise ConfigError(unknown("task or recipe", name, {*task_names(), NO_BATCH, *shipped, *arm}))
     path = shipped.get(name) or find_file(name, "recipe", "conf/training")
     content = read_yaml(path)
     if content.get("task") == NO_BATCH:
         raise ConfigError(f"{path}: {explain_no_batch()}")
-    if own:
-        content["environment"] = content.get("environment", {}) | own
-    return parse_settings(Recipe, content | given, lambda place: source(place, str(path)))
+    return changed_recipe(Recipe, content, str(path), changes)
+
+
+Kind = TypeVar("Kind", bound=Settings)
+
+
+def changed_recipe(kind: type[Kind], content: Mapping[str, Any], where: str, changes: Mapping[str, Any]) -> Kind:
+    """A recipe with `changes`, of which `hand`, `side` and `device` are its environment's, and those that are None are
+    left out. Raises ConfigError with the option that is wrong, or else with `where` the recipe comes from."""
+    given = {key: value for key, value in changes.items() if value is not None}
+    own = {key: given.pop(key) for key in ("hand", "side", "device") if key in given}
+
+    def source(place: tuple[int | str, ...]) -> str:
+        key = next((part for part in place if part != "environment"), "")
+        return f"--{key}" if key in (own if place[:1] == ("environment",) else given) else where
+
+    environment = content.get("environment") or {}
+    if own and isinstance(environment, Mapping):
+        given["environment"] = {**environment, **own}
+    return parse_settings(kind, {**content, **given}, source)

@@ -328,6 +328,17 @@ def test_objects_that_the_policy_before_was_trained_on_are_no_unseen_ones(key: s
         check_objects(Recipe.model_validate(mine | how | {key: ["apple"]}), "mine")
 
 
+def test_an_evaluation_has_no_unseen_objects_that_the_policys_own_training_had(tmp_path: Path) -> None:
+    own = data_root() / "conf" / "policies" / "grasp_right.onnx"
+    mine = load_recipe("grasp_easy").model_dump(mode="json", exclude_unset=True) | {
+        "looked_at": [],
+        "held_out": ["apple"],
+    }
+    mine["environment"]["objects"] = ["tennis_ball"]
+    with pytest.raises(ConfigError, match=r"^held_out: apple is among the objects of the training of .*grasp_right"):
+        compare_policy(own, Recipe.model_validate(mine), 1)
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [

@@ -237,12 +237,12 @@ def test_a_training_goes_on_only_with_what_it_began_with(monkeypatch: pytest.Mon
     path, mine = Path("runs/x/checkpoints/00001.pt"), recipe()
     was = progress.input_fingerprints(mine)
     assert set(was) == {"engine", "code", "hand allegro_right", "gains of allegro", "objects"}
-    progress.check_same_inputs(path, was, mine)
+    progress.check_same_inputs(path, was, progress.input_fingerprints(mine))
     for name, said in (("code", "another code: "), ("hand allegro_right", "another hand allegro_right: ")):
         with pytest.raises(ConfigError, match=f"runs/x is a training with {said}choose another folder"):
-            progress.check_same_inputs(path, was | {name: "0"}, mine)
+            progress.check_same_inputs(path, was | {name: "0"}, progress.input_fingerprints(mine))
     with pytest.raises(ConfigError, match="is a training with another engine, code, hand allegro_right"):
-        progress.check_same_inputs(path, {}, mine)  # Of before that was kept.
+        progress.check_same_inputs(path, {}, progress.input_fingerprints(mine))  # Of before that was kept.
     monkeypatch.setattr(progress, "load_gains", lambda name, spec: 1.0)
     with pytest.raises(ConfigError, match="is a training with another gains of allegro"):
-        progress.check_same_inputs(path, was, mine)
+        progress.check_same_inputs(path, was, progress.input_fingerprints(mine))
