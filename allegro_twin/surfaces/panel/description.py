@@ -64,8 +64,11 @@ def scene_of(config: RunConfig, request: OpenScene) -> RunConfig:
     if not config.backend.virtual:
         raise ConfigError(f"only a simulated hand has a scene to change; this one is {config.backend.place}")
     content = config.model_dump(exclude_unset=True, exclude={"task", "seconds"})
-    if request.scenario is None and config.task.episode is not None:
+    own = config.task
+    if request.scenario is None and own.episode is not None:
         return config
+    if request.scenario is not None and (request.scenario, request.object_name) == (own.scenario, own.object):
+        return config  # With its grasp, its controller and its gains.
     if request.scenario is None:
         home = {"task": {"posture": "home"}} if posture_names(config.hand.model) else {}
         return parse_settings(RunConfig, content | home, "the scene")

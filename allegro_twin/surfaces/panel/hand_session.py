@@ -44,6 +44,8 @@ _WHILE_TEACHING = (
     requests.MoveJoints, requests.MoveToPosture, requests.PerformGrasp, requests.PlayTaught, requests.ChooseController,
 )  # fmt: skip
 """Requests that end a demonstration."""
+_DRIVES = (*_WHILE_TEACHING, requests.HoldHere, requests.SetGravity, requests.Teach)
+"""Requests after which the hand does not do what its scenario asks; so do a stop and a driver who leaves."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +93,7 @@ class HandSession:
         self._recording = Path()
         self._recorded_from, self._teaching, self._trouble, self._verdict_due = 0.0, False, "", False
         self._stalled: HandError | None = None
-        self._clipped = 0
+        self._clipped, self._interfered = 0, False
         with ExitStack() as opened:
             self.rig = assemble(config)
             opened.callback(self.rig.backend.close)
@@ -132,6 +134,7 @@ class HandSession:
         """Carry out a request: one call of the facade. A sentence for the person, or nothing. Raises HandError, and the
         hand goes on with what it did."""
         hand = self.hand
+        self._interfered |= self._judged is not None and isinstance(request, _DRIVES)
         if self._teaching and isinstance(request, _WHILE_TEACHING):
             self._teach(False)
         match request:
@@ -179,11 +182,13 @@ class HandSession:
 
     def stop(self) -> None:
         """No torque from the next period on, and no force of the mouse."""
+        self._interfered |= self._judged is not None
         self._drop()
         self.hand.direct.limp()
 
     def stay(self) -> None:
         """End a motion where the hand is, and the force of the mouse."""
+        self._interfered |= self._judged is not None
         self._drop()
         with suppress(HandError):  # The loop has ended, and the hand is limp; `report` tells.
             if self.watch is not None and self.hand.controller == OWN:
@@ -207,9 +212,12 @@ class HandSession:
             self._verdict_due = False
             verdict = self.rig.trial.report()
             text = "held" if verdict.held else f"not held: {verdict.reason}"
-            if (pulled := self._pulled()) > 0.0:
-                text += f"; but the mouse pulled an object with up to {pulled:.1f} N: no verdict on the scenario"
-            yield Notice(f"the verdict: {text}", bad=not verdict.held or pulled > 0.0)
+            pulled = self._pulled()
+            others = [f"the mouse pulled an object with up to {pulled:.1f} N"] if pulled > 0.0 else []
+            others += ["the hand was driven from the page"] if self._interfered else []
+            if others:
+                text += f"; but {' and '.join(others)}: no verdict on the scenario"
+            yield Notice(f"the verdict: {text}", bad=not verdict.held or bool(others))
         if self.watch is not None and (sentence := self.watch.ended()):
             yield SessionEnded(sentence)
             return

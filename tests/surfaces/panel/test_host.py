@@ -18,6 +18,7 @@ from allegro_twin.grasping.verdict import TrialReport
 from allegro_twin.hands.settings import TaskSettings
 from allegro_twin.recording.reader import load
 from allegro_twin.surfaces.panel import requests as r
+from allegro_twin.surfaces.panel.description import scene_of
 from allegro_twin.surfaces.panel.hand_session import Folders, HandSession, HandSessions
 from allegro_twin.surfaces.panel.host import Host
 from allegro_twin.surfaces.panel.stream import (
@@ -459,6 +460,38 @@ def test_an_object_that_is_not_there_is_not_pulled(lemon: Desk, tmp_path: Path) 
     for number, height in ((1, 0.1), (-1, 0.1), (0, float("nan"))):
         lemon.wish(r.DragObject(number, (0.0, 0.0, 0.0), (0.0, 0.0, height)))
         lemon.until(lambda number=number: f"no object {number}" in lemon.page.notices())  # type: ignore[misc]  # Bound for this turn.
+
+
+@pytest.mark.parametrize(
+    "wish", [r.HoldHere(), r.DriverLeft(), r.StopMotion(), r.PerformGrasp("fist_free"), r.MoveToPosture("home")]
+)
+def test_a_scenario_that_somebody_took_over_has_no_verdict(lemon: Desk, wish: r.Request) -> None:
+    lemon.wish(r.OpenScene("lemon", None, perform=True))
+    lemon.until(lambda: lemon.page.frame().session == 2)
+    session = lemon.host._session
+    assert isinstance(session, HandSession)
+    assert session.rig.trial is not None
+    session.rig.trial.report = lambda: TrialReport(True, "", (), 0.0, 0.0, 0.0, {})  # type: ignore[method-assign]  # As if it were over.
+    lemon.wish(r.ChooseGains("v4"))
+    lemon.until(lambda: "gains v4 from the next request on" in lemon.page.notices())
+    session._verdict_due = True
+    lemon.until(lambda: "the verdict: held" in lemon.page.notices())
+    assert "no verdict" not in lemon.page.notices()
+    lemon.wish(wish)
+    lemon.until(lambda: session._interfered)
+    session._verdict_due = True
+    lemon.until(lambda: "held; but the hand was driven from the page: no verdict on" in lemon.page.notices())
+
+
+def test_the_scene_of_the_config_is_performed_with_its_own_grasp_and_gains(tmp_path: Path) -> None:
+    path = tmp_path / "own.yaml"
+    path.write_text("backend: {kind: sim}\ncontroller: {kind: pd, gains: v4}\n"
+                    "task: {scenario: lemon, grasp: pinch_index}\n")  # fmt: skip
+    config = load_config(str(path))
+    same, other = (scene_of(config, r.OpenScene("lemon", name, perform=True)) for name in (None, "golf_ball"))
+    assert same == config
+    assert other.task.grasp is None
+    assert scene_of(config, r.OpenScene("apple", None, perform=True)).task.scenario == "apple"
 
 
 def test_a_hand_without_objects_and_a_recording_say_why_nothing_can_be_pulled(
