@@ -189,7 +189,7 @@ def _became_of(rig: Rig) -> list[str]:
 
 
 def _failed(episode: EpisodeBackend) -> bool:
-    return episode.lost or (episode.over and episode.wanted_goal is not None and not episode.success)
+    return episode.lost or (episode.wanted_goal is not None and not episode.success)
 
 
 class _Beside:
@@ -294,8 +294,10 @@ def _kept(
 ) -> Iterator[Sample]:
     if outputs.record is None:
         return samples
-    from allegro_twin.recording.recorder import record
+    from allegro_twin.recording.recorder import check_other_file, record
 
+    if (recording := getattr(rig.backend, "recording", None)) is not None:
+        check_other_file(outputs.record, recording.path)
     meta = recording_meta(rig, config) | beside.look
     return record(samples, outputs.record, rig.spec, rig.backend.period, meta=meta, extras=beside)
 

@@ -121,7 +121,7 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
         self._close_camera()
         now.begin(self.np_random, asked)
         self._begun, self._over, self._high = True, False, 0.0
-        info = {"object": now.scene.name, "at": now.at.tolist(), "yaw": now.yaw, "error": now.error}
+        info = {"object": now.scene.name, "at": now.at.tolist(), "yaw": float(np.degrees(now.yaw)), "error": now.error}
         return self._seen(), info
 
     def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:

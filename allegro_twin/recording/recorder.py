@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from allegro_twin.errors import RecordingError
+from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.first_error import closing_noted
 from allegro_twin.recording.arrow_writer import END, FORMAT, VERSION, FileSink, Sink, arrow_column
 from allegro_twin.recording.spec_json import spec_to_json
@@ -212,6 +212,12 @@ def recorded_command(columns: Mapping[str, Array], row: int) -> Command:
         None if np.isnan(effort).all() else effort,
         None if np.isnan(duration) else duration,
     )
+
+
+def check_other_file(into: Path, recording: Path) -> None:
+    """Raise ConfigError where what is to be recorded would replace the recording that is read."""
+    if into.resolve() == recording.resolve():
+        raise ConfigError(f"--record {into}: that is the recording itself; name another file")
 
 
 def record(

@@ -41,6 +41,28 @@ def from_fist_to_rock() -> RunConfig:
     return config.changed(backend={"start": "fist"}, task={"posture": "rock"}, seconds=None)
 
 
+def test_a_replay_is_not_recorded_over_the_recording_that_it_plays(tmp_path: Path, recording_path: Path) -> None:
+    whole = recording_path.read_bytes()
+    config = RunConfig.model_validate(
+        {"backend": {"kind": "replay", "file": recording_path}, "controller": {"kind": "torque"}}
+    )
+    with pytest.raises(ConfigError, match=r"--record .*: that is the recording itself; name another file"):
+        perform(assemble(config), config, Outputs(record=recording_path))
+    assert recording_path.read_bytes() == whole
+    perform(assemble(config), config, Outputs(record=tmp_path / "other.arrow"))
+    assert len(load(tmp_path / "other.arrow"))
+
+
+def test_a_planned_posture_that_is_not_reached_is_one_when_seconds_end_it_too() -> None:
+    content = {
+        "backend": {"kind": "sim"}, "seconds": 0.2,
+        "task": {"posture": "ok", "episode": {"task": "Reach", "environment": {"timestep": 0.003}}},
+        "controller": {"kind": "mpc", "planning": {"samples": 4, "iterations": 1}},
+    }  # fmt: skip
+    config = RunConfig.model_validate(content)
+    assert perform(assemble(config), config, Outputs()).failed
+
+
 def test_fingers_go_around_each_other_to_a_posture() -> None:
     assert outcome(from_fist_to_rock()) == ""
 

@@ -339,7 +339,7 @@ def test_an_episode_takes_what_it_is_told() -> None:
     env = ArmPick(objects=("apple", "mug"))
     for name in ("mug", "apple"):
         _, info = env.reset(seed=0, options={"object": name, "at": (0.02, -0.03), "yaw": 30.0})
-        assert (info["object"], info["at"]) == (name, [0.02, -0.03])
+        assert (info["object"], info["at"], round(info["yaw"], 6)) == (name, [0.02, -0.03], 30.0)
         np.testing.assert_allclose(env.episodes.scene.there.position[:2], [0.02, -0.03], atol=1e-6)
 
 

@@ -57,30 +57,31 @@ def train(given: PickRecipe, folder: Path, kept: Callable[[int], None] = lambda 
 def test_a_training_that_was_killed_after_a_round_ends_as_one_that_was_not_whatever_the_processes(
     tmp_path: Path,
 ) -> None:
-    whole = train(recipe(), tmp_path / "whole")
+    long: dict[str, Any] = {"rounds": 3, "episodes": 1}
+    whole = train(recipe(**long), tmp_path / "whole")
 
     def kill(rounds: int) -> None:
-        if rounds == 1:
+        if rounds == 2:
             raise Killed
 
     with pytest.raises(Killed):
-        train(recipe(), tmp_path / "killed", kill)
+        train(recipe(**long), tmp_path / "killed", kill)
     seen: list[int] = []
-    assert train(recipe(envs=2), tmp_path / "killed", seen.append) == whole
-    assert seen == [1, 2]
-    assert train(recipe(), tmp_path / "killed", seen.append) == whole
-    assert seen == [1, 2, 2]
-    assert train(recipe(seed=1), tmp_path / "other") != whole
+    assert train(recipe(envs=2, **long), tmp_path / "killed", seen.append) == whole
+    assert seen == [2, 3]
+    assert train(recipe(**long), tmp_path / "killed", seen.append) == whole
+    assert seen == [2, 3, 3]
+    assert train(recipe(seed=1, **long), tmp_path / "other") != whole
     for change in ({"seed": 1}, {"hidden": (8,)}, {"environment": SHORT | {"off": 0.0}}):
         with pytest.raises(ConfigError, match=f"is a training with {next(iter(change))} .*: choose another folder"):
-            train(recipe(**change), tmp_path / "whole")
+            train(recipe(**long | change), tmp_path / "whole")
     cut = tmp_path / "whole" / "checkpoints" / "00002.npz"
     cut.write_bytes(cut.read_bytes()[:200])
     with pytest.raises(ConfigError, match=r"00002.npz: not a readable checkpoint \(.*\): choose another folder"):
-        train(recipe(), tmp_path / "whole")
+        train(recipe(**long), tmp_path / "whole")
     cut.with_suffix(".pt").touch()
     with pytest.raises(ConfigError, match=r"is a training of another task \(00002.pt\): choose another folder"):
-        train(recipe(), tmp_path / "whole")
+        train(recipe(**long), tmp_path / "whole")
 
 
 @pytest.mark.slow
@@ -96,6 +97,10 @@ def test_the_script_is_asked_in_every_state_and_leads_until_it_is_told(tmp_path:
     assert not np.array_equal(both.observed[6], script.observed[6])
     np.testing.assert_array_equal(network.observed[0], script.observed[0])
     assert script.objects == ("apple",)
+    train(recipe(seed=1), tmp_path / "other")
+    policy.write_bytes((tmp_path / "other" / "policy.onnx").read_bytes())
+    other = roll_out(settings, [EpisodeOrder(7, 0)], policy, keep=True, processes=0)
+    assert not np.array_equal(other.observed[1], network.observed[1]), "a file that was written anew is read anew"
     noisy = roll_out(settings, [EpisodeOrder(7, ALWAYS, 0.1)], None, keep=True, processes=0)
     assert not np.array_equal(noisy.observed[1], script.observed[1])
     np.testing.assert_array_equal(noisy.taught[0], script.taught[0])

@@ -16,7 +16,7 @@ from allegro_twin.hands.description.calibration import Version
 from allegro_twin.loop import to_the_end
 from allegro_twin.recording.missed import hold_missed, read_by_twin
 from allegro_twin.recording.reader import Recording, load
-from allegro_twin.recording.recorder import record
+from allegro_twin.recording.recorder import check_other_file, record
 from allegro_twin.recording.replay import ReplayBackend, replay_samples
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.results.findings import LEFT
@@ -201,8 +201,7 @@ def run_recording(recording: Recording, log: MirrorLog, into: Path | None = None
     backend = ReplayBackend(hold_missed(recording, *read_by_twin(recording.spec, log.mirror.gravity)))
     samples = log.watch(to_the_end(replay_samples(backend)))
     if into is not None:
-        if into.resolve() == recording.path.resolve():
-            raise ConfigError(f"--record {into}: that is the recording itself; name another file")
+        check_other_file(into, recording.path)
         meta = {name: value for name, value in recording.meta.items() if name not in MADE}
         samples = record(
             samples, into, recording.spec, recording.period, meta=meta,

@@ -40,6 +40,16 @@ def test_without_a_change_the_future_is_the_recorded_one_bit_for_bit(tmp_path: P
     np.testing.assert_array_equal(found.branched, load(path).columns["position"])
 
 
+def test_a_branch_is_not_recorded_over_the_recording_it_comes_from(tmp_path: Path) -> None:
+    path = made(tmp_path, load_config("sim_right").changed(seconds=0.3))
+    whole, link = path.read_bytes(), tmp_path / "link.arrow"
+    link.symlink_to(path)
+    for into in (path, link):
+        with pytest.raises(ConfigError, match=r"--record .*: that is the recording itself; name another file"):
+            branch_run.run_branch(path, 0.1, ["controller.gains=v4"], branch_run.BranchOutputs(into), BranchOptions())
+    assert path.read_bytes() == whole
+
+
 @pytest.mark.slow
 def test_a_grasp_without_a_change_is_the_recorded_one_bit_for_bit(tmp_path: Path) -> None:
     content = {

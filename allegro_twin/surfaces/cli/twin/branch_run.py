@@ -56,10 +56,12 @@ def run_branch(path: Path, at: float, texts: list[str], outputs: BranchOutputs, 
     HandError."""
     from allegro_twin.app.session import rerun_stage
     from allegro_twin.recording.reader import load
-    from allegro_twin.recording.recorder import record
+    from allegro_twin.recording.recorder import check_other_file, record
     from allegro_twin.twin.branch.overrides import parse_changes
     from allegro_twin.twin.branch.what_if import branch_recording
 
+    if outputs.record is not None:
+        check_other_file(outputs.record, path)
     changes, origin = parse_changes(texts), load(path)
     with ExitStack() as stack:
 
