@@ -20,9 +20,15 @@ class Demonstration:
     def __init__(self, spec: HandSpec) -> None:
         self._spec = spec
         self._rows: list[tuple[float, Vector]] = []
+        self._ended = False
 
     def __call__(self, sample: Sample) -> None:
-        self._rows.append((sample.state.t, sample.state.position))
+        if not self._ended:
+            self._rows.append((sample.state.t, sample.state.position))
+
+    def end(self) -> None:
+        """What comes from now on is not shown by anybody. Any thread may call it."""
+        self._ended = True
 
     def posture(self) -> Vector:
         """Where the fingers were left, (n,), rad. Raises ConfigError, as `motion` does, for a joint further beyond its

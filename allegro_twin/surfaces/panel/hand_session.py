@@ -15,6 +15,7 @@ from allegro_twin.app.config import RunConfig
 from allegro_twin.app.controller_settings import PlanningSettings, PositionSettings
 from allegro_twin.control.demonstration import TaughtMotion
 from allegro_twin.errors import ConfigError, HandError, RecordingError
+from allegro_twin.files.atomic_write import write_error
 from allegro_twin.files.first_error import closing_noted
 from allegro_twin.hands.library.entries import posture_entry, trajectory_entry
 from allegro_twin.hands.library.gains import load_gains
@@ -181,7 +182,10 @@ class HandSession:
         return ""
 
     def stop(self) -> None:
-        """No torque from the next period on, and no force of the mouse."""
+        """No torque from the next period on, and no force of the mouse; a demonstration ends here, before the hand
+        sags."""
+        self._demonstration.end()
+        self._teaching = False
         self._interfered |= self._judged is not None
         self._drop()
         self.hand.direct.limp()
@@ -305,7 +309,10 @@ class HandSession:
             library.add(name, trajectory_entry(taught.times, taught.positions, spec), spec)
         else:
             library.add(name, posture_entry(self._demonstration.posture(), spec), spec)
-        target.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise write_error(target, error) from error
         library.store(name, target)
         beyond = self._demonstration.clipped(motion=motion)
         return f"{name} is in {target}{f'; {beyond}' if beyond else ''}"

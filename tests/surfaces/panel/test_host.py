@@ -246,6 +246,33 @@ def test_a_recording_is_whole_and_says_what_it_is_of(desk: Desk, tmp_path: Path)
     assert "target" in recording.columns
 
 
+def test_a_stop_ends_a_demonstration_before_the_hand_sags(desk: Desk, tmp_path: Path) -> None:
+    session = desk.host._session
+    assert isinstance(session, HandSession)
+    desk.wish(r.Teach(on=True))
+    desk.until(lambda: len(session._demonstration._rows) > 3)
+    desk.wish(r.StopMotion())
+    desk.until(lambda: desk.page.frame().stopped)
+    shown = len(session._demonstration._rows)
+    t = desk.page.frame().t
+    desk.until(lambda: desk.page.frame().t > t + 0.3)
+    assert len(session._demonstration._rows) == shown
+    assert not desk.page.frame().teaching
+    desk.wish(r.StoreTaught("shown", motion=False))
+    desk.until(lambda: "shown is in" in desk.page.notices())
+    assert desk.page.frame().stopped
+
+
+def test_a_library_that_cannot_be_made_is_told_and_the_panel_goes_on(desk: Desk, tmp_path: Path) -> None:
+    (tmp_path / "library").write_text("")
+    desk.wish(r.Teach(on=True))
+    desk.until(lambda: desk.page.frame().teaching)
+    desk.wish(r.StoreTaught("shown", motion=False))
+    desk.until(lambda: "cannot write" in desk.page.notices())
+    desk.wish(r.MoveToPosture("home"))
+    desk.until(lambda: desk.page.frame().kind == "pid")
+
+
 @pytest.mark.parametrize("wish", [r.Reopen(), r.OpenScene("scenarios/demo/lemon.yaml", None, False)])
 def test_a_hand_that_is_opened_anew_says_which_recording_ended_with_the_other(
     desk: Desk, tmp_path: Path, wish: r.Request
