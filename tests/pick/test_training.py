@@ -44,13 +44,14 @@ class Killed(Exception):
 
 
 def train(given: PickRecipe, folder: Path, kept: Callable[[int], None] = lambda rounds: None) -> bytes:
-    """The policy's file, without the seconds in its card."""
+    """All weights of the policy's file."""
     pytest.importorskip("torch")
+    from allegro_twin.learning.training.onnx_policy import read_onnx_network
     from allegro_twin.pick.training import train_pick
 
-    path = train_pick(given, folder, kept=kept).policy
-    observation = np.linspace(-1.0, 1.0, 3 * ArmPick(**SHORT).numbers[0], dtype=np.float32).reshape(3, -1)
-    return load_pick_policy(path).policy(observation).tobytes()
+    network = read_onnx_network(train_pick(given, folder, kept=kept).policy)
+    layers = [part.detach().numpy() for layer in network.layers for part in layer.parameters()]
+    return b"".join(part.tobytes() for part in (network.mean, network.scale, *layers))
 
 
 @pytest.mark.slow
@@ -165,6 +166,14 @@ def test_an_evaluation_calls_nothing_unseen_or_known_that_is_not(given: dict[str
     pytest.importorskip("onnxruntime")
     with pytest.raises(ConfigError, match=message):
         check_pick_policy(SHIPPED, PickRecipe.model_validate({"task": "ArmPick"} | given))
+
+
+@pytest.mark.slow
+def test_a_held_out_object_that_the_hand_does_not_take_is_told_before_the_first_episode(tmp_path: Path) -> None:
+    given = recipe(environment=SHORT | {"side": "left"}, held_out=("mug",))
+    with pytest.raises(ConfigError, match=r"^recipe: held_out: ArmPick has no mug for allegro_left"):
+        train(given, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.slow
