@@ -1,6 +1,7 @@
 """What needs no learning, at every task and level: nothing, random actions, and the best constant squeeze.
 
-`python -m benchmarks.baselines` prints the table; with the path of a page it is put between that page's marks.
+`python -m benchmarks.baselines` prints the table; with the path of a page its rows are put between that
+page's marks, in place of those of the same tasks.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ from allegro_twin.learning.policy.controller import Policy, ZeroPolicy
 from allegro_twin.learning.policy.interface import Floats, Observation
 from allegro_twin.learning.tasks import TASKS
 from allegro_twin.learning.training.evaluation import Evaluation, evaluate
-from benchmarks.unlearned import SEED, Random, levels, put, shown
+from benchmarks.unlearned import SEED, Random, chosen, levels, put, shown
 
-EPISODES, JOINTS = 200, 16
+EPISODES, JOINTS, MARK = 200, 16, "baselines"
 REACH = 0.3  # rad, of the residual tasks.
 JOINTS_OF = {
     "flexion": np.array([0, 1, 1, 1] * 3 + [0, 0, 1, 1], np.float32),
@@ -70,8 +71,8 @@ def _of(policy: Policy, task: str, given: dict[str, Any], episodes: int) -> Eval
 
 def main(arguments: list[str]) -> None:
     """Print the table, or put it into a page."""
-    lines = rows([name for name in TASKS if name in arguments] or list(TASKS))
-    put(lines, [name for name in arguments if name.endswith(".md")], "baselines")
+    tasks, pages = chosen(arguments, list(TASKS), MARK)
+    put(rows(tasks), pages, MARK, key=2)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from allegro_twin.learning.policy.interface import Floats, Observation
 from allegro_twin.learning.tasks import TASKS, task_type
 from allegro_twin.learning.training.evaluation import Evaluation, evaluate
 from allegro_twin.types import Array
-from benchmarks.unlearned import SEED, levels, put, shown
+from benchmarks.unlearned import SEED, chosen, levels, put, shown
 
 DRAWN, EACH, BEST = 16, 2, 4
 """Vectors of a generation, episodes of each, and vectors that the next distribution is fitted to."""
@@ -115,8 +115,8 @@ def main() -> None:
     parser.add_argument("names", nargs="*", help="Tasks; and a page to put the table into.")
     parser.add_argument("--minutes", type=float, default=10.0, help="CPU minutes for each task and level.")
     asked = parser.parse_args()
-    tasks = [name for name in TASKS if name in asked.names] or list(TASKS)
-    put(rows(tasks, asked.minutes), [name for name in asked.names if name.endswith(".md")], "cheats")
+    tasks, pages = chosen(asked.names, list(TASKS), "cheats")
+    put(rows(tasks, asked.minutes), pages, "cheats", key=2)
 
 
 if __name__ == "__main__":

@@ -84,7 +84,7 @@ def _hand(found: Finding, answer: Answer, rows: Sequence[Row], study: Study) -> 
 def main(arguments: list[str]) -> None:
     """Print the tables, or put them into a page."""
     held = read(Path(arguments[0]))
-    put(lines(held.table.to_pylist(), held.study), arguments[1:], "tables")
+    put(lines(held.table.to_pylist(), held.study), map(Path, arguments[1:]), "tables")
 
 
 if __name__ == "__main__":

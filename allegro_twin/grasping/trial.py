@@ -67,7 +67,7 @@ class Trial:
         self.scenario, self.grasp, self.draw = scenario, grasp, draw
         self.protocol = with_push_phases(protocol or load_protocol(scenario.protocol), scenario)
         scene = make_stage(scenario, self.protocol, spec.side, folder)
-        scene = replace(scene, physics=scene.physics.for_hand(spec.coarsest_step, period))
+        scene = replace(scene, physics=scene.physics.for_hand(spec, period))
         if draw is not None:
             scene = draw.on(scene, self.protocol.physics.friction)
         self.objects: tuple[PlacedObject, ...] = tuple(scene.objects)

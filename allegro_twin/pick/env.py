@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from allegro_twin.errors import CommandError, ConfigError, HandFault
 from allegro_twin.files.schema import first_difference, parse_settings
 from allegro_twin.kinematics.arm import rotation_between
+from allegro_twin.learning.environments.spaces import with_episode_length
 from allegro_twin.pick.card import trained_keywords
 from allegro_twin.pick.episode import Episodes, PickState
 from allegro_twin.pick.settings import PickOptions, PickSettings
@@ -87,9 +87,7 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
-        if spec is not None and spec.max_episode_steps is None:
-            spec = replace(spec, max_episode_steps=self.episodes.limit)
-        self._spec = spec
+        self._spec = with_episode_length(spec, self.episodes.limit)
 
     def save_state(self) -> ArmPickState:
         """All that decides how the episode goes on, random numbers included: plain arrays and numbers, which pickle.

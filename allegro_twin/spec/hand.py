@@ -261,6 +261,10 @@ class HandSpec:
             raise ConfigError(f"{key} {step:g} s: {self.name} is simulated truly in steps of at most "
                               f"{self.coarsest_step:g} s: leave it out, or take 0.001")  # fmt: skip
 
+    def longest_step(self, period: float) -> float:
+        """Longest physics step, s, in which this hand is simulated truly and of which a whole number is `period`, s."""
+        return period / max(math.ceil(period / self.coarsest_step - 1e-9), 1)
+
     def mirror_posture(self, position: Array) -> Array:
         """Mirror image of a posture, for the hand of the other side, (..., n), rad."""
         other = np.array(position, dtype=np.float64)

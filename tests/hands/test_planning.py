@@ -143,9 +143,11 @@ def test_trials_of_a_search_take_steps_that_the_hand_bears() -> None:
         assert runner.trial(case).backend.model.opt.timestep == step
         search = GraspSearch(case.scenario, runner.spec, grasp_templates(runner.spec))
         assert search._stages(load_protocol("table_pick"))[0].physics.timestep == searched
-    assert Physics(timestep=0.003).for_hand(0.0015, 0.002).timestep == 0.001
-    assert Physics(timestep=0.003).for_hand(0.0011, 0.003).timestep == 0.001
-    assert Physics().for_hand(0.0015, 0.002) == Physics()
+    soft = load_spec("qb_softhand")
+    assert Physics(timestep=0.003).for_hand(soft, 0.002).timestep == 0.001
+    assert Physics(timestep=0.003).for_hand(replace(soft, coarsest_step=0.0011), 0.003).timestep == 0.001
+    assert Physics().for_hand(soft, 0.002) == Physics()
+    assert load_spec().longest_step(0.003) == 0.003
 
 
 @pytest.mark.slow

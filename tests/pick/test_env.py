@@ -84,6 +84,14 @@ def test_its_specification_says_how_long_an_episode_is() -> None:
     assert env.spec.max_episode_steps == env.unwrapped.episodes.limit  # type: ignore[attr-defined]
 
 
+def test_an_episode_longer_than_its_own_warns_and_the_specification_is_true() -> None:
+    env = gymnasium.make("AllegroTwin/ArmPick-v0", max_episode_steps=2000)  # Which the environment is not told.
+    with pytest.warns(UserWarning, match="max_episode_steps is 2000, and an episode of AllegroTwin/ArmPick-v0 ends"):
+        spec = env.spec
+    assert spec is not None
+    assert spec.max_episode_steps == env.unwrapped.episodes.limit  # type: ignore[attr-defined]
+
+
 TWO = ("apple", "tennis_ball")
 STATES: list[dict[str, Any]] = [
     {"camera_shift": 0.005, "camera_turn": 0.1, "camera_delay": 2},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from allegro_twin.array_api import array_namespace, fetch
 from allegro_twin.errors import CommandError, ConfigError
+from allegro_twin.files.assets import find_file
 from allegro_twin.files.schema import parse_settings
 from allegro_twin.learning.environments.observation_model import ExternalTorque, PrivilegedState, SignalModel
 from allegro_twin.learning.environments.posterior import RandomDrive
@@ -90,6 +91,14 @@ def make_engine(task: str, keywords: dict[str, Any], n: int, threads: int = 0) -
 def _picture_sensor(settings: EnvSettings, worlds: SharedModelBatch) -> PictureSensor:
     width, height = (int(edge) for edge in settings.resolution.split("x"))
     return PictureSensor(worlds, width, height, views=settings.cameras, kinds=settings.observe)
+
+
+def training_differences(policy: str, settings: EnvSettings) -> Iterator[str]:
+    """Sentences on what a policy, by name or path, was trained with otherwise: palm and goals, which change its task.
+    Raises ConfigError."""
+    card = read_card(find_file(policy, "policy", "conf/policies", ".onnx"))
+    for key, its, value in contradictions(card, settings, ("palm", "goals")):
+        yield f"{policy} was trained with {key} {its}; these episodes have {value}"
 
 
 def contradictions(card: PolicyCard, settings: EnvSettings, keys: Iterable[str]) -> list[tuple[str, object, object]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.learning.environments.settings import EnvSettings, env_keywords
 from allegro_twin.learning.environments.snapshot import EpisodeState, spread_snapshot
 from allegro_twin.learning.environments.vector import HandVectorEnv
@@ -20,7 +21,8 @@ def planner_environment(environment: EnvSettings, settings: MpcSettings) -> EnvS
     if settings.stride:
         steps = max(round(environment.decimation / settings.stride), 1)
         period = environment.period * environment.decimation / steps
-        changed |= {"period": period, "timestep": period, "decimation": steps}
+        spec = load_spec(environment.hand, environment.side)
+        changed |= {"period": period, "timestep": spec.longest_step(period), "decimation": steps}
     return environment.model_copy(update=changed)
 
 

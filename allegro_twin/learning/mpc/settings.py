@@ -45,9 +45,9 @@ class MpcSettings(Settings):
     method: Literal["cem", "mppi", "predictive"] = "cem"
     samples: Annotated[int, Field(ge=2, le=100_000)] = 48
     """Simulations side by side. With 100,000 one search takes minutes on two cores."""
-    horizon: Positive = 0.6
+    horizon: Annotated[float, Field(gt=0, le=60)] = 0.6
     """Horizon of a plan, s."""
-    hold: Annotated[float, Field(ge=0)] = 0.36
+    hold: Annotated[float, Field(ge=0, le=60)] = 0.36
     """Time after the horizon without any action, in which a plan that ends in a bad hold shows it, s."""
     knots: Annotated[int, Field(ge=2)] = 4
     """Knots of the spline over the horizon; between them it is linear."""

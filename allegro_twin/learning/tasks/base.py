@@ -103,6 +103,8 @@ class Task(ABC):
         for term in settings.reward:
             if term not in self.reward_terms:
                 raise ConfigError(unknown(f"term of {self.name}'s reward", term, self.reward_terms))
+        if isinstance(self.seconds, bool) or not isinstance(self.seconds, int | float):
+            raise ConfigError(f"{self.name}.seconds must be a number, not {self.seconds!r}")
         action = settings.period * settings.decimation
         if action > self.seconds / 2:
             raise ConfigError(
@@ -113,6 +115,7 @@ class Task(ABC):
         self.posterior = None if twin is None else load_posterior(twin, settings.hand, settings.side)
         """What is known of one hand's drive, where episodes draw from it."""
         self.spec = load_spec(settings.hand, settings.side) if self.posterior is None else self.posterior.spec
+        self.spec.check_step(settings.timestep, "timestep")
         check_randomise(settings.randomise, self.spec)
         self.gains = load_gains(settings.gains, self.spec)
 

@@ -41,6 +41,7 @@ from allegro_twin.sim.batch.core import Rows
 from allegro_twin.sim.batch.cpu import CpuBatch
 from allegro_twin.sim.batch.link_contacts import LinkContacts
 from allegro_twin.sim.batch.shared_model import SharedModelBatch
+from allegro_twin.sim.engine.backend import substeps
 from allegro_twin.sim.hand_import.adapt import find_mjcf
 from allegro_twin.sim.model.physics import Physics as ScenePhysics
 from allegro_twin.sim.objects.catalogue import GraspObject
@@ -51,7 +52,7 @@ log = logging.getLogger(__name__)
 
 FRICTION = 0.5
 """Sliding friction at which the object must be held."""
-PERIOD = 0.003  # s, of the control law and of the physics.
+PERIOD = 0.003  # s, of the control law, and of the physics where a hand bears it.
 AT_ONCE = 512  # Simulations.
 _CARRIED, _CLOSING, _SEEN, _WATCHED, _PERIODS = 60, 80, 110, 250, 450  # Periods: the object is released, the fingers
 # have closed, fallen objects are given up, the rest has come to rest, and the end.
@@ -228,9 +229,7 @@ def try_candidates(
 ) -> tuple[Array, Array, Array, Array]:
     """Try one batch. Returns what was held: joint positions and targets (m, joints), rad, pose (m, 7), m, and factor on
     the size (m,)."""
-    model = upturned_model(spec, grasp_object, (0.0, 0.0, 0.2), EnvSettings(timestep=PERIOD), FRICTION)
-    worlds, rows = CpuBatch(spec, model, AT_ONCE, 0), np.arange(AT_ONCE)
-    worlds.choose(rows, np.zeros(AT_ONCE, np.int64))
+    (worlds, steps), rows = _over_the_palm(spec, grasp_object, AT_ONCE), np.arange(AT_ONCE)
     body = worlds.free_body(OBJECT)
     physics = PhysicsRandomiser(worlds, body)
     size = physics.sizes(worlds.variant, _draw_sizes(wanted.sizes, rng))
@@ -250,7 +249,7 @@ def try_candidates(
             watched = np.array(body.pose[:, :3])
         setpoint = posture + (target - posture) * min(k / _CLOSING, 1.0)
         command(setpoint)
-        worlds.step(None if k < _SEEN else going, 1)
+        worlds.step(None if k < _SEEN else going, steps)
         if k >= _WATCHED:
             contacts.add_period()
     still = np.intersect1d(going, _unmoved(body.pose[:, :3], watched, _STILL))
@@ -261,6 +260,14 @@ def try_candidates(
         good &= ((contacts.touching("middle") + contacts.touching("palm")) == 0)[still]
     kept = still[good]
     return worlds.position[kept], target[kept], body.pose[kept], size[kept]
+
+
+def _over_the_palm(spec: HandSpec, grasp_object: GraspObject, n: int) -> tuple[CpuBatch, int]:
+    """`n` simulations of an object over the upturned palm, and their steps of physics in a control period."""
+    settings = EnvSettings(timestep=spec.longest_step(PERIOD))
+    worlds = CpuBatch(spec, upturned_model(spec, grasp_object, (0.0, 0.0, 0.2), settings, FRICTION), n, 0)
+    worlds.choose(np.arange(n), np.zeros(n, np.int64))
+    return worlds, substeps(PERIOD, settings.timestep)
 
 
 def _fingers(spec: HandSpec, worlds: SharedModelBatch) -> Callable[[Array], None]:
@@ -280,9 +287,7 @@ def survives_noise(spec: HandSpec, grasp_object: GraspObject, states: StartState
     state, (m,)."""
     many = np.tile(np.arange(len(states.size)), SHAKES)
     rows = np.arange(len(many))
-    model = upturned_model(spec, grasp_object, (0.0, 0.0, 0.2), EnvSettings(timestep=PERIOD), FRICTION)
-    worlds = CpuBatch(spec, model, len(many), 0)
-    worlds.choose(rows, 0 * rows)
+    worlds, steps = _over_the_palm(spec, grasp_object, len(many))
     body = worlds.free_body(OBJECT)
     physics = PhysicsRandomiser(worlds, body)
     physics.apply(rows, {"size": physics.sizes(worlds.variant, states.size[many])})
@@ -293,7 +298,7 @@ def survives_noise(spec: HandSpec, grasp_object: GraspObject, states: StartState
     command = _fingers(spec, worlds)
     for _ in range(_WATCHED):
         command(states.target[many])
-        worlds.step(None, 1)
+        worlds.step(None, steps)
         contacts.add_period()
     kept = np.linalg.norm(body.pose[:, :3] - place, axis=-1) < _FALLEN
     kept &= contacts.touching("palm") == 0

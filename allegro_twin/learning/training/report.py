@@ -36,6 +36,9 @@ SEED = 3_000_000_000
 """Default first seed of an evaluation: never one of a training, nor one used while a training was being chosen."""
 SELECTION = 2_000_000_000
 """First seed of the evaluation at the end of a training, which decides whether another one follows."""
+TRAINED_ON = "trained on"
+OTHERS = "the recipe's objects"
+"""Name of the evaluation in a recipe's own environments where its objects are not all of the policy's training."""
 LOOKED_AT = "trained on: by a look"
 """Name of `Recipe.looked_at` in reports."""
 REPORT, FILM = "evaluation.json", "policy.mp4"
@@ -63,9 +66,11 @@ def compare_policy(path: Path, recipe: Recipe, episodes: int, seed: int = SEED) 
     task = make_task(recipe.task, as_shipped(recipe.environment), 1, 1)
     check_card(loaded.card, task.card())
     _check_unseen(recipe, task.object_names(), judged=path)
+    trained = set(_trained_on(path)[1])
+    known = TRAINED_ON if trained.issuperset(task.object_names()) else OTHERS
     return [
         Comparison(
-            name,
+            known if name == TRAINED_ON else name,
             evaluate(loaded.policy, recipe.task, settings, episodes, seed=seed),
             evaluate(still, recipe.task, settings, episodes, seed=seed),
         )
@@ -79,7 +84,7 @@ def evaluation_sets(recipe: Recipe) -> dict[str, EnvSettings]:
     one, whatever the training used."""
     known = as_shipped(recipe.environment)
     more = {LOOKED_AT: recipe.looked_at, HELD_OUT: recipe.held_out}
-    found, other = {"trained on": known}, known
+    found, other = {TRAINED_ON: known}, known
     if "starts" in task_type(recipe.task).own_settings and known.palm == "forbidden" and known.starts == "train":
         other = known.model_copy(update={"starts": "test"})
         found["unseen sizes"] = other

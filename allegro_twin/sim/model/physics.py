@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import mujoco
 import numpy as np
+
+from allegro_twin.spec import HandSpec
 
 Cone: TypeAlias = Literal["elliptic", "pyramidal"]
 Integrator: TypeAlias = Literal["implicitfast", "implicit", "Euler", "RK4"]
@@ -37,11 +38,9 @@ class Physics:
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     """World, m/s²."""
 
-    def for_hand(self, coarsest: float, period: float) -> Physics:
-        """With steps of at most `coarsest`, s, of which a whole number is a control period, s."""
-        if self.timestep <= coarsest:
-            return self
-        return replace(self, timestep=period / math.ceil(period / coarsest - 1e-9))
+    def for_hand(self, spec: HandSpec, period: float) -> Physics:
+        """With steps in which a hand is simulated truly and of which a whole number is a control period, s."""
+        return self if self.timestep <= spec.coarsest_step else replace(self, timestep=spec.longest_step(period))
 
     def options(self, scene: mujoco.MjSpec) -> None:
         """Set a scene's options."""

@@ -32,6 +32,8 @@ def parse_changes(texts: list[str]) -> dict[str, Any]:
             raise ConfigError(f"--set {text}: say key=value, for example friction=0.5 or controller.gains=v4")
         if key not in PHYSICS and not key.startswith(_CONTROLLER):
             raise ConfigError(f"--set {text}: {unknown('key', key, [*PHYSICS, 'controller.gains'])}")
+        if key in found:
+            raise ConfigError(f"--set {text}: {key} is given twice: say it once")
         found[key] = parse_yaml(f"value: {value}", f"--set {text}")["value"]
         if key in PHYSICS and (isinstance(found[key], bool) or not isinstance(found[key], int | float)):
             raise ConfigError(f"--set {text}: {key} needs a number, not {value}")

@@ -27,10 +27,17 @@ def branch_recording(
         from allegro_twin.twin.branch.from_estimate import branch_from_estimate
 
         return branch_from_estimate(recording, at, changes, stages, options)
-    if options != BranchOptions():
+    asked = {
+        "--disturbance": options.disturbance != "forget",
+        "--open-loop": options.open_loop,
+        "--gravity": options.gravity is not None,
+    }
+    if any(asked.values()):
+        names = " and ".join(name for name, given in asked.items() if given)
+        also = "" if _simulated(recording) else ", or give --hand to go on from what a mirror knows"
         raise ConfigError(
             f"{path} is of a simulation, which is repeated with what pushed it, its gravity and its controller: leave "
-            "out --disturbance, --open-loop and --gravity, or give --hand to go on from what a mirror knows"
+            f"out {names}{also}"
         )
     from allegro_twin.twin.branch.resimulate import resimulate
 
@@ -40,7 +47,12 @@ def branch_recording(
 def needs_model(recording: Recording, options: BranchOptions) -> bool:
     """Whether a model replaces the hand; otherwise a simulation runs again. Raises ConfigError for a simulation with
     `options.hand`."""
-    backend = (recording.meta.get("config") or {}).get("backend", {})
-    if options.hand and backend.get("kind") == "sim":
+    if options.hand and _simulated(recording):
         raise ConfigError(f"{recording.path} is of a simulation, which is repeated as it was: leave out --hand")
     return "engine" not in recording.meta or bool(options.hand)
+
+
+def _simulated(recording: Recording) -> bool:
+    """Whether the hand itself is simulated, without a bus."""
+    backend = (recording.meta.get("config") or {}).get("backend", {})
+    return bool(backend.get("kind") == "sim")

@@ -356,3 +356,15 @@ def test_simulations_that_a_mask_leaves_alone_report_no_object() -> None:
     env.reset(seed=0)
     _, info = env.reset(options={"reset_mask": np.array([True, False])})
     assert list(info["object"]) == ["lemon", None]
+
+
+def test_physics_in_steps_that_a_hand_does_not_bear_is_refused() -> None:
+    """At 3 ms the SoftHand's motor shook at 105 rad/s without any action."""
+    for task in ("Reach", "HoldDisturbed", "Grasp"):
+        with pytest.raises(ConfigError, match="^timestep 0.003 s: qb_softhand_right is simulated truly in steps of at"):
+            HandVectorEnv(task, 2, hand="qb_softhand", timestep=0.003)
+    env = HandVectorEnv("Reach", 2, hand="qb_softhand", timestep=0.0015, autoreset_mode="disabled")
+    env.reset(seed=0)
+    for _ in range(env.limit):
+        env.step(np.zeros((2, 1), np.float32))
+        assert abs(env.engine.worlds.velocity).max() < 10.0

@@ -101,6 +101,16 @@ def test_a_task_that_lacks_a_method_is_refused_with_what_it_lacks() -> None:
         HandEnv(f"{__name__}:Unjudged")
 
 
+class Spelled(ReachTask):
+    name = "Spelled"
+    seconds = "4"  # type: ignore[assignment]
+
+
+def test_a_task_whose_seconds_are_no_number_is_refused() -> None:
+    with pytest.raises(ConfigError, match="^Spelled.seconds must be a number, not '4'"):
+        HandEnv(f"{__name__}:Spelled")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("learner", ["stable-baselines3", "rsl-rl"])
 def test_the_pages_task_trains(level: str, tmp_path: Path, learner: str) -> None:

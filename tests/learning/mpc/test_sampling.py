@@ -321,6 +321,8 @@ def test_the_planner_may_step_more_coarsely_than_the_episode() -> None:
     assert (coarser.period, coarser.timestep, coarser.decimation, coarser.coarse) == (0.006, 0.006, 10, True)
     assert planner_environment(environment, MpcSettings()).timestep == environment.period
     assert planner_environment(environment, MpcSettings(stride=0)) == environment
+    soft = planner_environment(EnvSettings(hand="qb_softhand"), MpcSettings())
+    assert (soft.period, soft.timestep) == (0.003, 0.0015)  # Its fingers shake in longer steps.
     uneven = planner_environment(EnvSettings(), MpcSettings(stride=2))  # 13 control periods are 6 steps.
     assert uneven.decimation == 6
     assert uneven.timestep == pytest.approx(0.0065)

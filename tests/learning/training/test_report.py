@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -38,6 +39,7 @@ from allegro_twin.surfaces.cli import console
 from allegro_twin.surfaces.cli.main import main
 
 REACH = data_root() / "conf" / "policies" / "reach_right.onnx"
+LIFT = REACH.with_name("lift_right.onnx")
 
 
 def recipe(**changes: Any) -> Recipe:
@@ -133,6 +135,35 @@ def test_a_policy_that_is_judged_off_the_palm_on_which_it_was_trained_is_told_so
         code, _, errors = ask(monkeypatch, capfd, "rotate_right", recipe_name, "--episodes", 1)
         assert code == 0
         assert ("rotate_right was trained with palm allowed; these episodes have forbidden" in errors) == warned
+
+
+def test_whoever_is_imitated_or_collected_from_is_told_of_the_palm_too(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    pytest.importorskip("onnxruntime", reason="the shipped policies are ONNX files: extra policy")
+    (tmp_path / "mine.yaml").write_text(
+        "task: Rotate\nlearner: dagger\nteacher: rotate_right\nsteps: 8\n"
+        "environment: {observation: hand, history: 3, decimation: 20, timestep: 0.003}\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    for name in ("training.train", "environments.collect.collect_episodes"):
+        monkeypatch.setattr(f"allegro_twin.learning.{name}", lambda *_, **__: sys.exit(0))
+    for words in (["train", "mine.yaml"], ["collect", "rotate", "set", "--policy", "rotate_right"]):
+        monkeypatch.setattr("sys.argv", ["allegro-twin", *words])
+        with pytest.raises(SystemExit):
+            main()
+        assert "rotate_right was trained with palm allowed; these episodes have forbidden" in capfd.readouterr().err
+
+
+@pytest.mark.slow
+def test_objects_that_a_policy_was_not_trained_on_are_not_said_to_be_of_its_training() -> None:
+    pytest.importorskip("onnxruntime", reason="the shipped policies are ONNX files: extra policy")
+    own = {"name": "mine", "shape": "sphere", "size": [0.03], "mass": 0.05, "like": "tennis_ball"}
+    for objects, name in ((["lemon"], "trained on"), (["lemon", own], "the recipe's objects")):
+        lift = load_recipe("lift")
+        other = EnvSettings.model_validate(env_keywords(lift.environment) | {"objects": objects})
+        judged = compare_policy(LIFT, lift.model_copy(update={"environment": other, "held_out": ()}), 2)
+        assert [each.name for each in judged] == [name]
 
 
 def ask(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:

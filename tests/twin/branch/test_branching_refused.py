@@ -35,8 +35,13 @@ def test_what_a_recording_does_not_tell_is_one_sentence(made: Path, own: str, tm
         branch_recording(real, AT, {"controller.gains": "v4"}, options=BranchOptions(own, open_loop=True))
     with pytest.raises(ConfigError, match="does not say with which torque constant its counts became"):
         branch_recording(as_real(made, tmp_path / "old.arrow", calibration=None), AT, {}, options=BranchOptions(own))
-    with pytest.raises(ConfigError, match="is of a simulation, which is repeated .*: leave out --disturbance"):
-        branch_recording(made, AT, {}, options=BranchOptions(open_loop=True))
+    down = np.array([0.0, 0.0, -9.81])
+    for asked, names in (
+        (BranchOptions(open_loop=True), "--open-loop"), (BranchOptions(gravity=down), "--gravity"),
+        (BranchOptions(disturbance="hold", gravity=down), "--disturbance and --gravity"),
+    ):  # fmt: skip
+        with pytest.raises(ConfigError, match=f"is of a simulation, .*: leave out {names}, or give --hand to go on"):
+            branch_recording(made, AT, {}, options=asked)
 
 
 @pytest.mark.slow
@@ -65,6 +70,8 @@ def test_a_hand_that_is_not_this_one_is_refused(made: Path, own: str, tmp_path: 
     perform(assemble(simulated), simulated, Outputs(record=tmp_path / "sim.arrow"))
     with pytest.raises(ConfigError, match="is of a simulation, which is repeated as it was: leave out --hand"):
         branch_recording(tmp_path / "sim.arrow", AT, {}, options=BranchOptions(own))
+    with pytest.raises(ConfigError, match="is of a simulation, .* its controller: leave out --gravity$"):
+        branch_recording(tmp_path / "sim.arrow", AT, {}, options=BranchOptions(gravity=np.array([0.0, 0.0, -9.81])))
 
 
 def test_a_hand_that_does_not_say_where_down_is_or_what_its_motors_gave_is_refused(

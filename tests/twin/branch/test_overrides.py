@@ -37,3 +37,8 @@ def test_physics_are_numbers_and_a_controllers_keys_are_as_in_a_config() -> None
 def test_what_cannot_be_is_named(text: str, said: str) -> None:
     with pytest.raises(ConfigError, match=f"^--set {text}: .*{said}"):
         parse_changes([text])
+
+
+def test_a_key_that_is_given_twice_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"--set strength=1.0: strength is given twice: say it once"):
+        parse_changes(["strength=0.5", "friction=0.4", "strength=1.0"])

@@ -123,15 +123,19 @@ def _write_what_fits(
 def _actor(policy: str, recipe: Recipe) -> tuple[Policy, float, str]:
     """The acting policy, the duration of a step, s, and the name of the hand. Raises ConfigError."""
     from allegro_twin.files.assets import find_file
+    from allegro_twin.learning.environments.engine import training_differences
     from allegro_twin.learning.policy.card import check_card
     from allegro_twin.learning.policy.controller import ZeroPolicy
     from allegro_twin.learning.policy.loading import load_policy
     from allegro_twin.learning.tasks import make_task
+    from allegro_twin.surfaces.cli import console
 
     task = make_task(recipe.task, recipe.environment, 1, 1)
     seconds, robot = task.interface.seconds, task.spec.name
     if policy == NOTHING:
         return ZeroPolicy(task.spec.n_joints), seconds, robot
+    for line in training_differences(policy, recipe.environment):
+        console.warn(line)
     loaded = load_policy(find_file(policy, "policy", "conf/policies", ".onnx"))
     check_card(loaded.card, task.card())
     return loaded.policy, seconds, robot

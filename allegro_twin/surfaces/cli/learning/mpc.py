@@ -32,6 +32,7 @@ def mpc(
 
     from allegro_twin.errors import ConfigError, RecordingError
     from allegro_twin.files.schema import load_settings
+    from allegro_twin.hands.description.specs import load_spec
     from allegro_twin.learning.mpc.episodes import MpcEpisode, run_episodes
     from allegro_twin.learning.mpc.settings import MpcSettings, planner_settings
     from allegro_twin.learning.tasks import task_type
@@ -45,10 +46,12 @@ def mpc(
         raise ConfigError(f"--seconds must be positive, not {seconds:g}")
     recipe = load_recipe(task, hand=hand, side=side)
     chosen = planner_settings(recipe.task) if settings is None else load_settings(MpcSettings, settings)
-    # Physics in steps of the control period: three times as fast as those of 1 ms.
-    environment = recipe.environment.model_copy(
-        update={"device": "cpu", "state": False, "timestep": recipe.environment.period}
-    )
+    environment = recipe.environment
+    # Physics in steps of the control period, where a hand bears it: three times as fast as those of 1 ms.
+    step = load_spec(environment.hand, environment.side).longest_step(environment.period)
+    if "timestep" in environment.model_fields_set:
+        step = min(environment.timestep, step)
+    environment = environment.model_copy(update={"device": "cpu", "state": False, "timestep": step})
     fps = round(1.0 / (environment.period * environment.decimation))
     found: list[MpcEpisode] = []
     unwritten = ""

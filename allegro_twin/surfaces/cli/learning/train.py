@@ -48,6 +48,7 @@ def train(
 ) -> None:
     """Train a policy, or continue an interrupted training."""
     from allegro_twin.files.output_folder import lock_folder
+    from allegro_twin.learning.environments.engine import training_differences
     from allegro_twin.learning.training import load_recipe, report
     from allegro_twin.learning.training import train as learn
     from allegro_twin.pick.recipe import load_pick_recipe
@@ -63,6 +64,9 @@ def train(
         train_arm_pick(pick, task, out, episodes, video)
         return
     recipe = load_recipe(task, hand=hand, side=side, device=device, steps=steps, envs=envs, seed=seed, log=logs)
+    if recipe.teacher is not None:
+        for line in training_differences(recipe.teacher, recipe.environment):
+            console.warn(line)
     if sweep is not None:
         folder = out or Path("runs") / f"{Path(task).stem.lower()}-{sweep.stem}"
         with nullcontext() if out is not None else lock_folder(folder):
@@ -171,8 +175,7 @@ def evaluate_policy(
     """Compare a policy with the script in the same episodes, with seeds from `seed` on; `can` of them also run on a
     virtual CAN bus. Raises HandError."""
     from allegro_twin.files.assets import find_file
-    from allegro_twin.learning.environments.engine import contradictions
-    from allegro_twin.learning.policy.card import read_card
+    from allegro_twin.learning.environments.engine import training_differences
     from allegro_twin.learning.policy.loading import load_policy
     from allegro_twin.learning.training import load_recipe, report
     from allegro_twin.pick.recipe import load_pick_recipe
@@ -199,8 +202,8 @@ def evaluate_policy(
             f"seeds {first} to {first + episodes - 1}: some are those of {used}: the rates are not of unseen episodes"
         )
     path = find_file(policy, "policy", "conf/policies", ".onnx")
-    for key, its, value in contradictions(read_card(path), loaded.environment, ("palm", "goals")):
-        console.warn(f"{policy} was trained with {key} {its}; these episodes have {value}")
+    for line in training_differences(policy, loaded.environment):
+        console.warn(line)
     if film is not None:
         report.film_policy(load_policy(path).policy, loaded, film, seed=first)
     console.console.print(console.policy_table(report.compare_policy(path, loaded, episodes, first), loaded, first))

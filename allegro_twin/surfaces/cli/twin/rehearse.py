@@ -142,6 +142,8 @@ def config_of(name: str, version: str | None, side: str | None) -> RunConfig:
     if not CHANNEL.fullmatch(name):
         if version is not None:
             raise ConfigError(f"--version is for a hand on an interface such as can0; {name} says its own")
+        if side is not None:
+            raise ConfigError(f"--side is for a hand on an interface such as can0; {name} says its own")
         return load_config(name)
     if version is None:
         raise ConfigError(f"{name} is an interface: say the hand's --version, v1 to v5plus")
