@@ -13,11 +13,14 @@ from allegro_twin.cell.journal.observers import Observers
 from allegro_twin.cell.remote.remote_control import (
     FingersCommand,
     PalmCommand,
+    ReleaseCommand,
     RemoteCommand,
     RemoteControl,
     StayCommand,
+    StopCommand,
     run_remote_control,
 )
+from allegro_twin.errors import ArmReflex
 from allegro_twin.kinematics.arm import rotate
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.recording.events import DeviceSample, SessionEvent
@@ -130,6 +133,41 @@ def test_stay_ends_a_motion_where_it_is(cell: Cell) -> None:
     assert np.linalg.norm(seen.tool[-1][:3] - [-0.1, 0.2, 0.4]) > 0.05
     moved = np.linalg.norm(np.diff([tool[:3] for tool in seen.tool[-50:]], axis=0), axis=1)
     assert moved.max() < 1e-4
+
+
+def test_nothing_that_comes_after_a_stop_moves_whoever_sent_it_until_it_is_released(cell: Cell) -> None:
+    """Said once: a program sends a hundred a second."""
+    who, away, here = RemoteControl(cell), palm_at(cell, -0.2, 0.05, 0.4), cell.security.position
+    cell.arm.reset()
+    for command in (StopCommand(), away, FingersCommand(np.array([0.8]), cell.open[None] + 0.25), away, StayCommand()):
+        who.command(command)
+    (said,) = who.update(cell.arm.read())
+    assert said == "the cell is stopped, and nothing moves it before the stop is released"
+    assert who.stopped
+    np.testing.assert_allclose(who.goal.position, here, atol=2e-3)
+    np.testing.assert_array_equal(who.fingers(1.0).position, who.fingers(0.0).position)
+    who.command(away)
+    assert who.update(cell.arm.read()) == []
+    np.testing.assert_allclose(who.goal.position, here, atol=2e-3)
+    who.command(ReleaseCommand())
+    who.command(away)
+    assert who.update(cell.arm.read()) == []
+    assert not who.stopped
+    np.testing.assert_allclose(who.goal.position, [-0.2, 0.05, 0.4])
+
+
+def test_an_arm_that_meets_something_while_it_is_stopped_does_not_back_off(cell: Cell) -> None:
+    who, arm = RemoteControl(cell), cell.arm.reset()
+    met = ArmReflex("fer stopped itself", "cartesian_reflex", (0.0, 0.0, 30.0, 0.0, 0.0, 0.0))
+    who.command(StopCommand())
+    who.update(arm)
+    who.on_reflex(met, arm)
+    assert who.update(arm) == [f"{met}. It is recovered and stays: it is stopped"]
+    np.testing.assert_allclose(who.goal.position, cell.robot.palm(arm).position)
+    who.command(ReleaseCommand())
+    who.update(arm)
+    who.on_reflex(met, arm)
+    assert np.linalg.norm(who.goal.position - cell.robot.palm(arm).position) > 0.01
 
 
 def changed(cell: Cell, **joints: float) -> Array:

@@ -47,12 +47,22 @@ class StayCommand:
     """Arm and fingers stay where they are."""
 
 
-RemoteCommand: TypeAlias = PalmCommand | FingersCommand | StayCommand
+@dataclass(frozen=True, slots=True)
+class StopCommand:
+    """Arm and fingers stay where they are, whoever commands them, until the stop is released."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReleaseCommand:
+    """Commands are obeyed again."""
+
+
+RemoteCommand: TypeAlias = PalmCommand | FingersCommand | StayCommand | StopCommand | ReleaseCommand
 
 
 class RemoteControl:
     """Targets of arm and fingers from outside. `command` may be called by any thread; what is wished is looked at, and
-    done, in the loop's own."""
+    done, in the loop's own, in the order of the calls: nothing that comes after a stop moves, whoever sent it."""
 
     def __init__(self, cell: Cell) -> None:
         self.cell, self.guide = cell, ArmGuide(cell.posture, cell.robot.model)
@@ -61,6 +71,7 @@ class RemoteControl:
         self._path: Path = SmoothSetpoint(cell.open)
         self._since, self._commands = 0.0, queue.SimpleQueue[RemoteCommand]()
         self._said: list[str] = []
+        self._stopped, self._told = False, False
         self._goal, self._at, self._t = cell.security, cell.security, 0.0
         arm = cell.settings.arm
         self._smoothing = Smoothing(arm.speed, arm.turning)
@@ -69,6 +80,11 @@ class RemoteControl:
     def goal(self) -> Pose:
         """Where the palm is to be in the end, in the world."""
         return self._goal
+
+    @property
+    def stopped(self) -> bool:
+        """Whether a stop has not been released."""
+        return self._stopped
 
     def command(self, command: RemoteCommand) -> None:
         """Soon."""
@@ -85,6 +101,11 @@ class RemoteControl:
     def on_reflex(self, error: ArmReflex, arm: HandState) -> None:
         """The arm has stopped by itself and is recovered: its palm backs off and stays there."""
         self._at, self._t = self.cell.robot.palm(arm), arm.t
+        if self._stopped:
+            self._goal = self._at
+            self.guide.target.move(self.cell.robot.flange_for(self._at))
+            self._said.append(f"{error}. It is recovered and stays: it is stopped")
+            return
         away = retreat_offset(error, self.cell.robot.base.rotation)
         self._goal = Pose(self._at.position + away, self._at.rotation)
         self.guide.target.move(self.cell.robot.flange_for(self._at))
@@ -112,13 +133,21 @@ class RemoteControl:
 
     def _do(self, command: RemoteCommand, arm: HandState) -> None:
         match command:
+            case PalmCommand() | FingersCommand() if self._stopped:
+                if not self._told:  # Once a stop: some send a hundred a second.
+                    self._told = True
+                    raise CommandError("the cell is stopped, and nothing moves it before the stop is released")
             case PalmCommand(pose):
                 self._goal = self._limits.check_palm(pose, self._at, arm.position, self.fingers(arm.t).position)
             case FingersCommand(times, postures, velocities):
                 path = self._timed(times, postures, velocities, arm.t)
                 self._limits.check_fingers(path, self.cell.robot.palm(arm))
                 self._path, self._since = path, arm.t
-            case StayCommand():
+            case ReleaseCommand():
+                self._stopped = False
+            case StayCommand() | StopCommand():
+                if isinstance(command, StopCommand):
+                    self._stopped, self._told = True, False
                 self._goal = self._at = self.cell.robot.palm(arm)
                 self._path, self._since = SmoothSetpoint(self.fingers(arm.t).position), arm.t
 

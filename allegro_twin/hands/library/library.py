@@ -41,6 +41,9 @@ from allegro_twin.hands.library.taxonomy import GRASP_TYPES, ClaimedType, Contro
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector, frozen
 
+FOLDER = Path("library")
+"""The user's library, where the process runs."""
+
 
 class _Added(NamedTuple):
     entry: Entry
@@ -58,7 +61,7 @@ class Library:
         for source in sources:
             if not Path(source).exists():
                 raise ConfigError(f"library: there is no file or folder {source}")
-        self._sources = [Path(source) for source in sources] or [Path("library")]
+        self._sources = [Path(source) for source in sources] or [FOLDER]
         self._added: dict[str, _Added] = {}
 
     def get(self, name: str, spec: HandSpec) -> Vector | Grasp | TaughtMotion:
@@ -191,6 +194,14 @@ class Library:
 
     def _names(self, kind: EntryKind | None) -> set[str]:
         return {listed.name for listed in self.list(kind)}
+
+
+def found_later(path: str | Path) -> str:
+    """What a person who stores something in a file should know: empty where its names are found without saying
+    where."""
+    if _library_file(path).is_relative_to(FOLDER.resolve()):
+        return ""
+    return f"names are found in the folder {FOLDER}: put {path} there, too"
 
 
 def _check_name(name: str, spec: HandSpec) -> None:

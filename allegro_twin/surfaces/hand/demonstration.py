@@ -30,6 +30,11 @@ class Demonstration:
         """What comes from now on is not shown by anybody. Any thread may call it."""
         self._ended = True
 
+    @property
+    def empty(self) -> bool:
+        """Whether nothing has been shown."""
+        return not self._rows
+
     def posture(self) -> Vector:
         """Where the fingers were left, (n,), rad. Raises ConfigError, as `motion` does, for a joint further beyond its
         limits than any stop yields."""

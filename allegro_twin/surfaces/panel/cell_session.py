@@ -8,7 +8,13 @@ from typing import Self
 import numpy as np
 
 from allegro_twin.cell.journal.recording import cell_look
-from allegro_twin.cell.remote.remote_control import PalmCommand, RemoteControl, StayCommand
+from allegro_twin.cell.remote.remote_control import (
+    PalmCommand,
+    ReleaseCommand,
+    RemoteControl,
+    StayCommand,
+    StopCommand,
+)
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.kinematics.pose import Pose
@@ -23,7 +29,7 @@ class CellSession:
     """A cell that is there once and for all; its loop turns elsewhere and calls `on_event`."""
 
     def __init__(self, remote: RemoteControl) -> None:
-        self._remote, self._number, self._next, self._stopped = remote, 0, 0.0, False
+        self._remote, self._number, self._next = remote, 0, 0.0
         self._send: Send | None = None
         self._hand: DeviceSample | None = None
         self._notices: list[Notice] = []
@@ -52,18 +58,17 @@ class CellSession:
         """Raises ConfigError."""
         match request:
             case requests.ReleaseStop():
-                self._stopped = False
+                self._remote.command(ReleaseCommand())
             case requests.HoldHere():
                 self._remote.command(StayCommand())
-            case requests.MovePalm(pose) if not self._stopped:
+            case requests.MovePalm(pose):
                 values = np.array(pose)
                 self._remote.command(PalmCommand(Pose(values[:3], matrix_from_quaternion(values[3:]))))
         return ""
 
     def stop(self) -> None:
         """Stand still until the stop is released."""
-        self._stopped = True
-        self.stay()
+        self._remote.command(StopCommand())
 
     def stay(self) -> None:
         """Arm and fingers stay where they are."""
@@ -101,5 +106,5 @@ class CellSession:
         }
         return StreamFrame(
             self._number, arm.sample.state.t, state.position, state.torque, state.temperature, extras["target"], look,
-            "", self._stopped, 0, (), -1.0, False, arm.sample.state.position,
+            "", self._remote.stopped, 0, (), -1.0, False, arm.sample.state.position,
         )  # fmt: skip

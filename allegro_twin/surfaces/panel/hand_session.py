@@ -19,7 +19,7 @@ from allegro_twin.files.atomic_write import write_error
 from allegro_twin.files.first_error import closing_noted
 from allegro_twin.hands.library.entries import posture_entry, trajectory_entry
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.hands.library.library import Library
+from allegro_twin.hands.library.library import Library, found_later
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.hand.demonstration import Demonstration
 from allegro_twin.surfaces.hand.live_control import OWN
@@ -63,6 +63,7 @@ class HandSessions:
 
     def __init__(self, config: RunConfig, folders: Folders) -> None:
         self._own, self._config, self._folders = config, config, folders
+        self._last: HandSession | None = None
 
     def prepare(self, request: requests.OpenScene | requests.Reopen | None) -> Opener:
         """Raises ConfigError."""
@@ -75,8 +76,9 @@ class HandSessions:
                               "choose controller.time: real")  # fmt: skip
 
         def start(number: int, send: Send) -> HandSession:
-            session = HandSession(number, config, self._folders, send, perform=perform)
-            self._config = config
+            shown = None if self._last is None else self._last.demonstration
+            session = HandSession(number, config, self._folders, send, perform=perform, shown=shown)
+            self._config, self._last = config, session
             return session
 
         return start
@@ -84,10 +86,19 @@ class HandSessions:
 
 class HandSession:
     """A hand that a config describes, limp, with its time passing; in an episode holding, with the set-points of its
-    beginning. `perform`: doing what the config is for; else its wrist stays where its scene begins. Raises
-    HandError."""
+    beginning. `perform`: doing what the config is for; else its wrist stays where its scene begins. `shown`: the
+    demonstration of the session before, which can be played and stored here. Raises HandError."""
 
-    def __init__(self, number: int, config: RunConfig, folders: Folders, send: Send, *, perform: bool = False) -> None:
+    def __init__(
+        self,
+        number: int,
+        config: RunConfig,
+        folders: Folders,
+        send: Send,
+        *,
+        perform: bool = False,
+        shown: Demonstration | None = None,
+    ) -> None:
         self._number, self._config, self._folders, self._send = number, config, folders, send
         self._next, self._lost, self._tick = 0.0, 0, -1
         self._recorder: Recorder | None = None
@@ -114,7 +125,7 @@ class HandSession:
                     self.watch.perform()
                     first = FirstController(OWN, self.rig.controller)
             self.hand = opened.enter_context(closing_noted(Hand(self.rig, gains, background=True, first=first)))
-            self._demonstrating, self._demonstration = ExitStack(), Demonstration(self.hand.spec)
+            self._demonstrating, self._demonstration = ExitStack(), shown or Demonstration(self.hand.spec)
             if self.watch is not None:
                 self.hand.gravity = self.watch.gravity
             elif perform:
@@ -122,6 +133,11 @@ class HandSession:
             self.hand.listen(self._on_sample)
             self.hand.direct.prepare()
             self._opened = opened.pop_all()
+
+    @property
+    def demonstration(self) -> Demonstration:
+        """The last one."""
+        return self._demonstration
 
     def describe(self) -> SessionInfo:
         """Raises ConfigError."""
@@ -151,6 +167,7 @@ class HandSession:
                 hand.gravity = self.watch.gravity if vector is None and self.watch is not None else vector
             case requests.ChooseGains(name):
                 hand.direct.use_gains(name)
+                self._gains = name
                 return f"gains {name} from the next request on"
             case requests.HoldHere():
                 self._hold()
@@ -231,14 +248,18 @@ class HandSession:
             yield SessionEnded(str(error))
 
     def close(self) -> str:
-        """Leave the hand limp and let go of it. Returns which recording that has ended. Raises LinkError when the hand
-        did not confirm that."""
+        """Leave the hand limp and let go of it. Returns which recording and demonstration that has ended. Raises
+        LinkError when the hand did not confirm that."""
         self._drop()
+        self._demonstration.end()
         recorded = self._recorder is not None
         self._opened.close()
-        if not recorded:
-            return ""
-        return f"the recording {self._recording} has ended with this hand: {self._trouble or 'it is whole'}"
+        ended = []
+        if recorded:
+            ended += [f"the recording {self._recording} has ended with this hand: {self._trouble or 'it is whole'}"]
+        if self._teaching:
+            ended += ["the demonstration has ended with this hand: what was shown can be stored"]
+        return "; ".join(ended)
 
     def _episode(self) -> EpisodeWatch:
         """Raises ConfigError where there is none."""
@@ -297,7 +318,13 @@ class HandSession:
     def _motion(self) -> TaughtMotion:
         if self._teaching:
             self._teach(False)
-        return self._demonstration.motion()
+        return self._shown().motion()
+
+    def _shown(self) -> Demonstration:
+        """What somebody has shown, of this session or one before. Raises ConfigError where there is nothing."""
+        if self._demonstration.empty:
+            raise ConfigError("nothing was shown: press Teach and lead the fingers")
+        return self._demonstration
 
     def _store(self, name: str, *, motion: bool, replace: bool) -> str:
         library, spec, target = Library(), self.hand.spec, self._folders.library
@@ -308,19 +335,20 @@ class HandSession:
             taught = self._motion()
             library.add(name, trajectory_entry(taught.times, taught.positions, spec), spec)
         else:
-            library.add(name, posture_entry(self._demonstration.posture(), spec), spec)
+            library.add(name, posture_entry(self._shown().posture(), spec), spec)
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise write_error(target, error) from error
         library.store(name, target)
-        beyond = self._demonstration.clipped(motion=motion)
-        return f"{name} is in {target}{f'; {beyond}' if beyond else ''}"
+        notes = (self._demonstration.clipped(motion=motion), found_later(target))
+        return "; ".join((f"{name} is in {target}", *filter(None, notes)))
 
     def _record(self, on: bool) -> str:
+        recorded = self._recorder is not None
         self._stop_recording()
         if not on:
-            return "the recording is whole"
+            return "the recording is whole" if recorded else "nothing is being recorded"
         from allegro_twin.app.session import recording_meta
         from allegro_twin.recording.recorder import Recorder
 

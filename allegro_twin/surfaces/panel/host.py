@@ -23,6 +23,12 @@ from allegro_twin.surfaces.panel.stream import (
 _BEAT = 0.1  # s between two looks at the session and the page.
 _SWITCH = 0.0005  # s that a thread may keep the loop's thread waiting; Python's own 5 ms are longer than a period.
 
+_WITHOUT_HAND = (
+    requests.StopMotion, requests.ReleaseStop, requests.DriverLeft, requests.MoveJoints, requests.DragObject,
+    requests.DropObject,
+)  # fmt: skip
+"""Requests that are no loss where there is no hand, or come thirty times a second."""
+
 Send: TypeAlias = Callable[[StreamFrame], None]
 
 
@@ -135,7 +141,10 @@ class Host:
         try:
             if isinstance(request, requests.OpenScene | requests.Reopen):
                 self._reopen(request)
-            elif self._session is not None:
+            elif self._session is None:
+                if not isinstance(request, _WITHOUT_HAND):
+                    self._page.tell(Notice("there is no hand: open it again first", bad=True))
+            else:
                 text = self._session.execute(request)
                 if text:
                     self._page.tell(Notice(text))

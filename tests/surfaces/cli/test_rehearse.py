@@ -22,9 +22,7 @@ def test_an_interface_is_a_hand_once_its_version_is_known() -> None:
         config_of("can0", None, "left")
     with pytest.raises(ConfigError, match="can_virtual says its own"):
         config_of("can_virtual", "v4", "right")
-    with pytest.raises(
-        ConfigError, match="--side is for a hand on an interface .*; can_virtual says its own"
-    ):
+    with pytest.raises(ConfigError, match="--side is for a hand on an interface .*; can_virtual says its own"):
         config_of("can_virtual", None, "left")
 
 

@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 
 from allegro_twin.cell.assembly import Cell
-from allegro_twin.cell.remote.remote_control import PalmCommand, RemoteControl, StayCommand
+from allegro_twin.cell.remote.remote_control import (
+    PalmCommand,
+    ReleaseCommand,
+    RemoteControl,
+    StayCommand,
+    StopCommand,
+)
 from allegro_twin.errors import ConfigError
 from allegro_twin.recording.events import DeviceSample, JournalEntry
 from allegro_twin.surfaces.panel import requests as r
@@ -24,8 +30,8 @@ class Desk:
     def __init__(self, cell: Cell) -> None:
         self.sent, self.commands = list[StreamFrame](), list[Any]()
         goal = SimpleNamespace(position=np.array([0.4, 0.1, 0.3]), quaternion=np.array([0.0, 1.0, 0.0, 0.0]))
-        remote = SimpleNamespace(cell=cell, goal=goal, command=self.commands.append)
-        sessions = CellSession(remote)  # type: ignore[arg-type]  # Looks alike.
+        self.remote = SimpleNamespace(cell=cell, goal=goal, command=self.commands.append, stopped=False)
+        sessions = CellSession(self.remote)  # type: ignore[arg-type]  # Looks alike.
         session = sessions.prepare(None)(7, self.sent.append)
         assert isinstance(session, CellSession)
         self.session = session
@@ -107,7 +113,8 @@ def test_a_sentence_of_the_cells_states_is_shown_once_and_nothing_else_of_its_jo
     assert not list(desk.session.report())
 
 
-def test_the_palm_moves_as_asked_unless_somebody_has_stopped_it(desk: Desk) -> None:
+def test_the_palm_moves_as_asked_and_a_stop_and_its_release_go_to_the_cell(desk: Desk) -> None:
+    """The cell itself refuses what comes after a stop (tests/cell/test_remote_control.py)."""
     half, session = np.sqrt(0.5), desk.session
     assert session.execute(r.MovePalm((0.1, 0.2, 0.3, half, 0.0, 0.0, half))) == ""
     (palm,) = desk.commands
@@ -115,19 +122,17 @@ def test_the_palm_moves_as_asked_unless_somebody_has_stopped_it(desk: Desk) -> N
     np.testing.assert_array_equal(palm.pose.position, [0.1, 0.2, 0.3])
     np.testing.assert_allclose(palm.pose.rotation, [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], atol=1e-15)
     session.stop()
-    session.execute(r.MovePalm((0.0,) * 3 + (1.0, 0.0, 0.0, 0.0)))
     session.execute(r.HoldHere())
     session.stay()
-    assert len(desk.commands) == 4
-    assert all(isinstance(each, StayCommand) for each in desk.commands[1:])
+    assert [type(each) for each in desk.commands[1:]] == [StopCommand, StayCommand, StayCommand]
     pose = np.zeros(7)
+    desk.remote.stopped = True
     session.on_event(moved("hand", 1.0, object=pose))
     session.on_event(moved("arm", 1.0, flange=pose, tool=pose, force=np.zeros(6)))
     assert desk.sent[-1].stopped
     session.execute(r.ReleaseStop())
-    assert len(desk.commands) == 4
     session.execute(r.MovePalm((0.5,) * 3 + (1.0, 0.0, 0.0, 0.0)))
-    assert isinstance(desk.commands[-1], PalmCommand)
+    assert [type(each) for each in desk.commands[4:]] == [ReleaseCommand, PalmCommand]
 
 
 def test_a_pose_that_is_none_is_refused(desk: Desk) -> None:
@@ -143,4 +148,4 @@ def test_when_the_page_is_closed_the_cell_stays_where_it_is(desk: Desk) -> None:
 
 
 def test_the_remote_control_has_what_its_stand_in_has() -> None:
-    assert {"command", "goal"} <= set(vars(RemoteControl))
+    assert {"command", "goal", "stopped"} <= set(vars(RemoteControl))

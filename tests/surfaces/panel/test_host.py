@@ -15,8 +15,10 @@ import pytest
 from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.verdict import TrialReport
+from allegro_twin.hands.library.library import load_posture
 from allegro_twin.hands.settings import TaskSettings
 from allegro_twin.recording.reader import load
+from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.panel import requests as r
 from allegro_twin.surfaces.panel.description import scene_of
 from allegro_twin.surfaces.panel.hand_session import Folders, HandSession, HandSessions
@@ -95,6 +97,12 @@ class Desk:
     @property
     def page(self) -> FakePage:
         return self.pages.opened[-1]
+
+    @property
+    def spec(self) -> HandSpec:
+        session = self.host._session
+        assert isinstance(session, HandSession)
+        return session.rig.spec
 
     def wish(self, wish: r.Request) -> None:
         self.page.given.put(wish)
@@ -261,6 +269,74 @@ def test_a_stop_ends_a_demonstration_before_the_hand_sags(desk: Desk, tmp_path: 
     desk.wish(r.StoreTaught("shown", motion=False))
     desk.until(lambda: "shown is in" in desk.page.notices())
     assert desk.page.frame().stopped
+
+
+@pytest.mark.parametrize("wish", [r.OpenScene("lemon", "nope", False), r.OpenScene("lemon", None, False), r.Reopen()])
+def test_what_was_shown_outlives_the_session_of_its_hand(desk: Desk, wish: r.Request) -> None:
+    """A scene that is refused while it is opened, too: the hand is opened again as it was."""
+    desk.wish(r.MoveToPosture("fist"))
+    desk.until(lambda: desk.page.frame().t > 2.0)
+    desk.wish(r.Teach(on=True))
+    desk.until(lambda: desk.page.frame().teaching)
+    t, position = desk.page.frame().t, desk.page.frame().position
+    desk.until(lambda: desk.page.frame().t > t + 0.1)
+    desk.wish(wish)
+    desk.until(lambda: desk.page.frame().session > 1 and desk.host._session is not None)
+    assert "the demonstration has ended with this hand: what was shown can be stored" in desk.page.notices()
+    desk.wish(r.StoreTaught("shown", motion=False))
+    desk.until(lambda: "shown is in" in desk.page.notices())
+    stored = load_posture("shown", desk.spec)
+    np.testing.assert_allclose(stored, position, atol=0.1)
+    desk.wish(r.PlayTaught())
+    desk.until(lambda: abs(desk.page.frame().position[1] - position[1]) < 0.1)
+
+
+def test_store_without_a_demonstration_says_what_to_do(desk: Desk) -> None:
+    for wish in (r.StoreTaught("shown", motion=True), r.StoreTaught("shown", motion=False), r.PlayTaught()):
+        desk.page.said.clear()
+        desk.wish(wish)
+        desk.until(lambda: "nothing was shown: press Teach and lead the fingers" in desk.page.notices())
+
+
+def test_what_is_asked_of_a_hand_that_has_failed_is_answered(desk: Desk) -> None:
+    session = desk.host._session
+    assert isinstance(session, HandSession)
+    desk.wish(r.Teach(on=True))
+    desk.until(lambda: len(session._demonstration._rows) > 3)
+    session.report = lambda: iter([SessionEnded("a joint is too hot")])  # type: ignore[method-assign]
+    desk.until(lambda: desk.host._session is None)
+    desk.wish(r.StoreTaught("shown", motion=False))
+    desk.until(lambda: "there is no hand: open it again first" in desk.page.notices())
+    desk.wish(r.Reopen())
+    desk.until(lambda: desk.host._session is not None)
+    desk.wish(r.StoreTaught("shown", motion=False))
+    desk.until(lambda: "shown is in" in desk.page.notices())
+
+
+def test_what_is_stored_where_no_name_is_looked_for_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for folder, said in (("library", False), ("elsewhere", True)):
+        sessions = HandSessions(load_config("sim_right"), Folders(tmp_path / "out", tmp_path / folder / "my.yaml"))
+        session = sessions.prepare(None)(1, lambda frame: None)
+        session.execute(r.Teach(on=True))
+        session.hand.wait(0.05)  # type: ignore[attr-defined]
+        text = session.execute(r.StoreTaught(f"in_{folder}", motion=False))
+        assert ("names are found in the folder library: put" in text) == said
+        session.close()
+
+
+def test_a_page_that_is_opened_again_is_told_the_gains_in_use(desk: Desk) -> None:
+    desk.wish(r.ChooseGains("loose"))
+    desk.until(lambda: "gains loose" in desk.page.notices())
+    desk.page.given.put(None)
+    desk.until(lambda: len(desk.pages.opened) == 2 and any(isinstance(each, SessionInfo) for each in desk.page.said))
+    (info,) = [each for each in desk.page.said if isinstance(each, SessionInfo)]
+    assert info.used == "loose"
+
+
+def test_the_end_of_no_recording_is_not_said_to_be_whole(desk: Desk) -> None:
+    desk.wish(r.Record(on=False))
+    desk.until(lambda: desk.page.notices() == "nothing is being recorded")
 
 
 def test_a_library_that_cannot_be_made_is_told_and_the_panel_goes_on(desk: Desk, tmp_path: Path) -> None:

@@ -78,7 +78,7 @@ def teach(
     from allegro_twin.app.rig import spec_of
     from allegro_twin.hands.description.specs import card_side
     from allegro_twin.hands.library.entries import posture_entry, trajectory_entry
-    from allegro_twin.hands.library.library import Library
+    from allegro_twin.hands.library.library import Library, found_later
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.hand_override import on_hand
     from allegro_twin.surfaces.hand import Hand
@@ -102,6 +102,7 @@ def teach(
     console.warn(demonstration.clipped(motion=motion))
     both = ", for the right and the left hand" if card_side(hand.spec.model) is None else ""
     console.say(f"{name} is in {into}{both}")
+    console.warn(found_later(into))
 
 
 def play(
