@@ -139,12 +139,15 @@ def test_nothing_that_comes_after_a_stop_moves_whoever_sent_it_until_it_is_relea
     """Said once: a program sends a hundred a second."""
     who, away, here = RemoteControl(cell), palm_at(cell, -0.2, 0.05, 0.4), cell.security.position
     cell.arm.reset()
-    for command in (StopCommand(), away, FingersCommand(np.array([0.8]), cell.open[None] + 0.25), away, StayCommand()):
+    close = FingersCommand(np.array([0.8]), cell.open[None] + 0.25)
+    for command in (StopCommand(), close, away, close, away, StayCommand()):
         who.command(command)
     (said,) = who.update(cell.arm.read())
     assert said == "the cell is stopped, and nothing moves it before the stop is released"
     assert who.stopped
     np.testing.assert_allclose(who.goal.position, here, atol=2e-3)
+    who.command(close)
+    assert who.update(cell.arm.read()) == []
     np.testing.assert_array_equal(who.fingers(1.0).position, who.fingers(0.0).position)
     who.command(away)
     assert who.update(cell.arm.read()) == []
@@ -154,6 +157,9 @@ def test_nothing_that_comes_after_a_stop_moves_whoever_sent_it_until_it_is_relea
     assert who.update(cell.arm.read()) == []
     assert not who.stopped
     np.testing.assert_allclose(who.goal.position, [-0.2, 0.05, 0.4])
+    who.command(StopCommand())
+    who.command(away)
+    assert who.update(cell.arm.read()) == [said], "once a stop, and this is another one"
 
 
 def test_an_arm_that_meets_something_while_it_is_stopped_does_not_back_off(cell: Cell) -> None:

@@ -147,6 +147,9 @@ def test_trials_of_a_search_take_steps_that_the_hand_bears() -> None:
     assert Physics(timestep=0.003).for_hand(soft, 0.002).timestep == 0.001
     assert Physics(timestep=0.003).for_hand(replace(soft, coarsest_step=0.0011), 0.003).timestep == 0.001
     assert Physics().for_hand(soft, 0.002) == Physics()
+    assert Physics(timestep=0.0005).for_hand(soft, 0.003).timestep == 0.0005, "a shorter one stays"
+    for count in range(1, 40):
+        assert soft.longest_step(count * 0.0015) == pytest.approx(0.0015), "the last digit of a product makes no step"
     assert load_spec().longest_step(0.003) == 0.003
 
 

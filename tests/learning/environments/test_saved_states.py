@@ -12,6 +12,7 @@ from gymnasium.vector import AutoresetMode
 
 import allegro_twin.gym  # noqa: F401  # Registers the ids.
 from allegro_twin.errors import CommandError, ConfigError
+from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.episode import EpisodeBackend
 from allegro_twin.learning.environments.settings import EnvSettings
@@ -87,7 +88,8 @@ OF_HANDS = [
 
 @pytest.mark.parametrize(("hand", "task"), OF_HANDS)
 def test_the_first_episode_of_an_environment_is_its_second_with_the_same_seed(hand: str, task: str) -> None:
-    env = HandEnv(task, hand=hand, timestep=0.003)  # Nothing that it observes reads forces before the first step.
+    step = load_spec(hand).longest_step(0.003)
+    env = HandEnv(task, hand=hand, timestep=step)  # Nothing that it observes reads forces before the first step.
     first, second = ([flat(env.reset(seed=5)[0]), *played(env, 2, 3)] for _ in range(2))
     np.testing.assert_array_equal(np.concatenate(first), np.concatenate(second))
 
