@@ -22,7 +22,7 @@ from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.limits import check_period, hand_limits
 from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.loop import resume
-from allegro_twin.plugins import BACKENDS, BackendContext, PluginBackend
+from allegro_twin.plugins import BACKENDS, BackendContext, PluginBackend, unwrapped
 from allegro_twin.safety import Guard, Limits, check_speed
 from allegro_twin.sim.settings import SceneSettings, SimSettings
 from allegro_twin.spec import HandSpec
@@ -32,6 +32,7 @@ from allegro_twin.types import HandState, Vector, frozen
 if TYPE_CHECKING:
     from allegro_twin.grasping.trial import Trial
     from allegro_twin.learning.environments.episode import EpisodeBackend
+    from allegro_twin.learning.mpc.controller import MpcController
     from allegro_twin.sim.engine.backend import SimBackend
 
 
@@ -70,6 +71,19 @@ class Rig:
         hand; `what` it is stands in the message."""
         if isinstance(self.backend, Guard):
             check_speed(peak, self.backend.limits, self.spec, what, "limits.velocity")
+
+    @property
+    def planner(self) -> MpcController | None:
+        """The controller that plans while the hand moves, which is closed with the run; None for others."""
+        from allegro_twin.learning.mpc.controller import MpcController
+
+        controller = unwrapped(self.controller)
+        return controller if isinstance(controller, MpcController) else None
+
+    def with_controller(self, config: RunConfig) -> Rig:
+        """A rig of the same simulated hand, scene and guard under another config's controller. Raises ConfigError."""
+        made = make_controller(config, self.spec, self.trial, pose_of(self.episode)).controller
+        return replace(self, controller=with_speed_check(made, self.check_speed))
 
     @property
     def driver(self) -> HandBackend:

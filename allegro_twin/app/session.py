@@ -17,7 +17,7 @@ from allegro_twin.app.rig import Rig, limp_while
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.first_error import closing_noted
 from allegro_twin.loop import paced, resume, to_the_end, until
-from allegro_twin.plugins import BACKENDS, reference_of, unwrapped
+from allegro_twin.plugins import BACKENDS, reference_of
 from allegro_twin.sim.contact.collision_free_paths import CollisionFreeMove
 from allegro_twin.spec.arm import ArmSpec
 from allegro_twin.types import Array, HandState, Sample
@@ -26,7 +26,6 @@ from allegro_twin.version import __version__
 if TYPE_CHECKING:
     from allegro_twin.grasping.verdict import TrialReport
     from allegro_twin.learning.environments.episode import EpisodeBackend, EpisodeScene
-    from allegro_twin.learning.mpc.controller import MpcController
     from allegro_twin.spec.thermal import ThermalData
     from allegro_twin.viewing.camera import Scene
     from allegro_twin.viewing.overlays import Mark
@@ -105,7 +104,9 @@ def perform(
     try:
         # The hand is closed inside the log, which has its last words, and outside of one that cannot be made.
         with closing(rig.backend), _wire_logged(rig, config, outputs), closing(rig.backend), ExitStack() as stack:
-            planner = _planner(rig, stack)
+            planner = rig.planner
+            if planner is not None:
+                stack.callback(planner.close)
             samples = to_the_end(_begun(rig))
             if planner is not None and planner.real_time and not rig.live and outputs.live is None:
                 samples = paced(samples)  # Plans are made in a time that passes.
@@ -133,7 +134,7 @@ def perform(
             notes += rig.trial.remarks() if rig.trial is not None and report is not None and report.held else []
             notes += rig.device.warnings()
             notes += [] if planner is None else [planner.report(last.t)]
-            notes += _became_of(rig)
+            notes += [] if rig.episode is None else describe_episode(rig.episode)
             failed = rig.episode is not None and _failed(rig.episode)
             outcome = RunOutcome(last, report, tuple(notes), beside.motion, missed, failed, unwritten=unwritten)
     except RecordingError as error:
@@ -157,17 +158,6 @@ def _planned_move(rig: Rig) -> CollisionFreeMove | None:
     return reference if isinstance(reference, CollisionFreeMove) else None
 
 
-def _planner(rig: Rig, stack: ExitStack) -> MpcController | None:
-    """The controller that plans, which is closed with the run; None for others."""
-    from allegro_twin.learning.mpc.controller import MpcController
-
-    controller = unwrapped(rig.controller)
-    if not isinstance(controller, MpcController):
-        return None
-    stack.callback(controller.close)
-    return controller
-
-
 def _until_over(samples: Iterator[Sample], rig: Rig) -> Iterator[Sample]:
     """Stop with the end of the episode that a simulated hand is in."""
     for sample in samples:
@@ -176,11 +166,8 @@ def _until_over(samples: Iterator[Sample], rig: Rig) -> Iterator[Sample]:
             return
 
 
-def _became_of(rig: Rig) -> list[str]:
-    """What became of the episode that a simulated hand was in."""
-    episode = rig.episode
-    if episode is None:
-        return []
+def describe_episode(episode: EpisodeBackend) -> list[str]:
+    """What became of an episode so far: how long it lasted, and what its task says of it."""
     task = episode.engine.task
     t = int(episode.engine.count[0]) * task.interface.seconds
     came = task.describe_outcome(episode.terms, episode.success) if episode.terms else ""
@@ -200,7 +187,7 @@ class _Beside:
 
     def __init__(self, rig: Rig, *, seen: bool) -> None:
         self._rig, self._target = rig, np.empty(0)
-        self._scene = None if rig.episode is None or not seen else _scene_of_episode(rig.episode)
+        self._scene = None if rig.episode is None or not seen else scene_of_episode(rig.episode)
         self.look = _look(rig) if self._scene is None else {"look": self._scene.appearance}
         """What the metadata of a recording say of the looks of a scene."""
         self.motion = 0.0
@@ -307,6 +294,8 @@ def recording_meta(rig: Rig, config: RunConfig) -> dict[str, Any]:
     meta: dict[str, Any] = {"allegro_twin": __version__, "config": config.model_dump(mode="json")}
     if rig.sim is not None:
         meta |= rig.sim.meta()
+    if rig.episode is not None:
+        meta |= rig.episode.meta()
     if rig.trial is not None:
         meta |= rig.trial.meta()
     else:
@@ -355,7 +344,8 @@ def _concluded(viewers: list[Any], report: TrialReport | None, thermal: ThermalD
             viewer.conclude(phase_results(report), report_markdown(report, thermal))
 
 
-def _scene_of_episode(episode: EpisodeBackend) -> EpisodeScene:
+def scene_of_episode(episode: EpisodeBackend) -> EpisodeScene:
+    """The scene of an episode, as pictures and recordings show it."""
     from allegro_twin.learning.environments.episode import EpisodeScene
 
     return EpisodeScene(episode)

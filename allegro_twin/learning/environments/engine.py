@@ -36,6 +36,7 @@ from allegro_twin.learning.tasks.task_memory import HasLiveArrays
 from allegro_twin.sim.batch.core import Rows
 from allegro_twin.sim.batch.shared_model import SharedModelBatch
 from allegro_twin.sim.engine.backend import substeps
+from allegro_twin.sim.model.joints import JointChange, moving_dofs
 from allegro_twin.types import Array
 from allegro_twin.viewing.batch import PictureSensor
 
@@ -257,6 +258,23 @@ class EpisodeEngine:
         self._sensing.send(command, tick)
         self.task.move_surroundings(k)
         self.worlds.step(rows, self._substeps)
+
+    def become(self, change: JointChange, friction: float | None = None) -> None:
+        """Go on with other hands, and where `friction` is given with that sliding friction of every contact. What the
+        next episodes draw is drawn again; the rest stays."""
+        worlds = self.worlds
+        dofs = moving_dofs(self.task.spec, worlds.model)
+        for name, value in (("dof_damping", change.damping), ("dof_frictionloss", change.frictionloss)):
+            if value is not None:
+                worlds.expand(name)[:, dofs] = value
+        if self._drive is not None and change.frictionloss is not None:
+            self._drive.rub(change.frictionloss)
+        if change.strength != 1.0:
+            motors = np.arange(worlds.model.nu)[worlds.motors]
+            worlds.expand("actuator_gainprm")[:, motors, 0] *= change.strength
+            worlds.expand("actuator_forcerange")[:, motors] *= change.strength
+        if friction is not None:
+            worlds.expand("geom_friction")[:, :, 0] = friction
 
     def measure(self, tick: NDArray[np.int64]) -> tuple[Array, Array]:
         """Joint positions and speeds as the hands report them at their periods `tick` (n,), each (n, joints)."""

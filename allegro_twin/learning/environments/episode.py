@@ -11,12 +11,15 @@ from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
 from allegro_twin.backend import limp_of, position_of, torque_of
-from allegro_twin.errors import CommandError, HandFault
+from allegro_twin.errors import CommandError, ConfigError, HandFault
 from allegro_twin.learning.environments.engine import EpisodeEngine
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.policy.interface import Observation
 from allegro_twin.learning.tasks.scenes import OBJECT
+from allegro_twin.sim.engine.backend import ENGINE
 from allegro_twin.sim.model.appearance import scene_appearance
+from allegro_twin.sim.model.fingerprint import model_fingerprint
+from allegro_twin.sim.model.joints import JointChange
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Command, HandState, Vector, frozen
 
@@ -122,6 +125,17 @@ class EpisodeBackend:
 
     def close(self) -> None:
         self.write(limp_of(self.spec))
+
+    def become(self, change: JointChange, friction: float | None = None) -> None:
+        """Go on with another hand, and where `friction` is given with that sliding friction of every contact; not to be
+        reset afterwards. Raises ConfigError for a strength of a hand that closes its own loop."""
+        if self._most is not None and change.strength != 1.0:
+            raise ConfigError(f"{self.spec.name} closes its own loop: no `strength`")
+        self.engine.become(change, friction)
+
+    def meta(self) -> dict[str, str]:
+        """What a recording should say of the simulation: the engine, and a fingerprint of this episode's model."""
+        return {"engine": ENGINE, "model": model_fingerprint(self.engine.worlds.snapshot(0).model)}
 
     @property
     def command(self) -> Vector:

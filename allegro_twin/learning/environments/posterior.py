@@ -341,6 +341,10 @@ class RandomDrive:
             own[rows] = drawn[name]
         return drawn
 
+    def rub(self, dry: float) -> None:
+        """Set the dry friction of all joints, N·m, until the next episode."""
+        self._dry[...] = dry
+
     def live_arrays(self) -> dict[str, NDArray[Any]]:
         """What an episode changes, by name. What is in the models, and the torques on the joints, is theirs."""
         load = {} if self._load is None else {"load_friction": self._load}

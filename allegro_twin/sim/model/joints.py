@@ -68,9 +68,14 @@ class JointChange(NamedTuple):
     """What its motors give of what they gave."""
 
 
+def moving_dofs(spec: HandSpec, model: mujoco.MjModel) -> list[int]:
+    """Degrees of freedom of a compiled hand's joints: of those that motors turn, then of those that follow."""
+    return [int(model.jnt_dofadr[joint]) for joint in PostureMap(spec, model).joints]
+
+
 def set_joint_losses(spec: HandSpec, model: mujoco.MjModel, change: JointChange) -> None:
     """Set the damping and dry friction of a compiled hand's joints."""
-    dofs = [int(model.jnt_dofadr[joint]) for joint in PostureMap(spec, model).joints]
+    dofs = moving_dofs(spec, model)
     if change.damping is not None:
         model.dof_damping[dofs] = change.damping
     if change.frictionloss is not None:

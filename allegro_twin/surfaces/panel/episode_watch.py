@@ -14,9 +14,7 @@ from allegro_twin.control.trajectory import Hold, Path
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.orientation import gravity_from_quaternion
 from allegro_twin.learning.environments.episode import EpisodeBackend, EpisodeScene
-from allegro_twin.learning.mpc.controller import MpcController
 from allegro_twin.learning.tasks.scenes import OBJECT
-from allegro_twin.plugins import unwrapped
 from allegro_twin.surfaces.panel.stream import goals_reached
 from allegro_twin.types import Array, PositionCommand, Sample, TorqueCommand, Vector
 
@@ -46,8 +44,7 @@ class EpisodeWatch:
 
     def __init__(self, rig: Rig, episode: EpisodeBackend) -> None:
         self._episode, self._engine, self._task = episode, episode.engine, episode.engine.task
-        controller = unwrapped(rig.controller)
-        self._planner = controller if isinstance(controller, MpcController) else None
+        self._planner = rig.planner
         self._asked: deque[Vector | None] = deque(maxlen=1)
         self._performed, self._mine, self._reached, self._mine_reached = False, False, 0, 0
         self._sample: Sample | None = None

@@ -1,49 +1,67 @@
 """Branch of a recorded simulation: it runs again from its beginning, with a change at some instant.
 
-A simulation and its controller are deterministic. Running the recording's own config again therefore reaches the
-instant with all velocities, contacts, objects and the controller's memory as they were. Every row up to it is compared,
-bit for bit.
+A simulation, an episode of an environment included, and its controller are deterministic. Running the recording's own
+config again therefore reaches the instant with all velocities, contacts, objects and the controller's memory as they
+were. Every row up to it is compared, bit for bit.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from contextlib import closing
-from typing import Any
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from allegro_twin.app.rig import Rig, assemble
+from allegro_twin.app.session import describe_episode, scene_of_episode
 from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
 from allegro_twin.recording.reader import Recording
-from allegro_twin.sim.engine.backend import ENGINE, SimBackend
+from allegro_twin.sim.engine.backend import ENGINE
 from allegro_twin.twin.branch.overrides import Changes, apply_changes, hand_change, recorded_config
 from allegro_twin.twin.branch.recover_controller import hand_over
 from allegro_twin.twin.branch.result import BranchResult, SampleStages
 from allegro_twin.types import Array, Sample
 
+if TYPE_CHECKING:
+    from allegro_twin.learning.environments.episode import EpisodeBackend
+
 
 def resimulate(recording: Recording, at: float, changes: Changes, stages: SampleStages) -> BranchResult:
     """Run a recorded simulation again. Raises ConfigError for a recording that cannot be repeated."""
-    path, engine = recording.path, recording.meta["engine"]
+    path, engine = recording.path, recording.meta.get("engine", "an earlier version")
     if engine != ENGINE:
         raise ConfigError(f"{path} was made with {engine}, and this is {ENGINE}: it would not be the same")
     config = recorded_config(recording)
     after = apply_changes(config, changes)
     rig = assemble(config)
-    with closing(rig.backend):
-        if rig.sim is None:
+    with ExitStack() as stack:
+        stack.callback(rig.backend.close)
+        if rig.sim is None and rig.episode is None:
             raise ConfigError(f"{path} is of a simulation that its config does not describe: it cannot be repeated")
-        other = assemble(after).controller if after is not config else None
+        other = None if after is config else rig.with_controller(after)
+        for planner in (each.planner for each in (rig, other) if each is not None):
+            if planner is not None:
+                stack.callback(planner.close)
         last = float(recording.columns["t"][-1])
-        samples = _run(rig, rig.sim, at, changes, other)
         follower = _Follower(recording, at, rig)
+        samples = _run(rig, at, changes, None if other is None else other.controller)
         samples = follower.watched(rig.trial.watched(samples) if rig.trial is not None else samples)
         positions = [sample.state.position for sample in stages(samples, follower.beside)]
         whole = rig.trial is not None and last >= rig.trial.seconds - 1e-9
         report = rig.trial.report() if whole and rig.trial is not None else None
-    return BranchResult(recording.columns["t"], recording.columns["position"], np.array(positions), rig.spec, report)
+        notes = () if rig.episode is None else tuple(_became(rig.episode, last))
+    return BranchResult(
+        recording.columns["t"], recording.columns["position"], np.array(positions), rig.spec, report, notes=notes
+    )
+
+
+def _became(episode: EpisodeBackend, last: float) -> Iterator[str]:
+    """What became of the episode of a branch by the end of its recording, `last`, s."""
+    yield from (f"The episode of the branch: {line}" for line in describe_episode(episode))
+    if not episode.over:
+        yield f"It is not over at {last:.2f} s, where the recording ends."
 
 
 class _Follower:
@@ -51,6 +69,7 @@ class _Follower:
 
     def __init__(self, recording: Recording, at: float, rig: Rig) -> None:
         self._recording, self._at, self._trial, self._row = recording, at, rig.trial, 0
+        self._scene = None if rig.episode is None else scene_of_episode(rig.episode)
 
     def watched(self, samples: Iterable[Sample]) -> Iterator[Sample]:
         """Compare samples before `at` with the recording (a stage). Raises ConfigError where they differ."""
@@ -69,6 +88,7 @@ class _Follower:
 
     def beside(self) -> dict[str, Array]:
         own: dict[str, Array] = dict(self._trial.latest()) if self._trial is not None else {}
+        own |= self._scene.poses() if self._scene is not None else {}
         names = {"target": "position", "target_object": "object"}
         was = {
             name: self._recording.columns[of][self._row] for name, of in names.items() if of in self._recording.columns
@@ -76,7 +96,7 @@ class _Follower:
         return own | was
 
 
-def _run(rig: Rig, sim: SimBackend, at: float, changes: Changes, other: Controller[Any] | None) -> Iterator[Sample]:
+def _run(rig: Rig, at: float, changes: Changes, other: Controller[Any] | None) -> Iterator[Sample]:
     """The control loop, with a change in the middle."""
     controller, backend = rig.controller, rig.backend
     state = backend.reset()
@@ -85,9 +105,12 @@ def _run(rig: Rig, sim: SimBackend, at: float, changes: Changes, other: Controll
     while True:
         if not done and state.t >= at - 1e-9:
             done = True
-            if "friction" in changes:
-                sim.model.geom_friction[:, 0] = changes["friction"]
-            sim.become(change)
+            if rig.episode is not None:
+                rig.episode.become(change, changes.get("friction"))
+            if rig.sim is not None:
+                if "friction" in changes:
+                    rig.sim.model.geom_friction[:, 0] = changes["friction"]
+                rig.sim.become(change)
             if other is not None:
                 controller, memory = hand_over(controller, memory, other, state)
         command, memory = controller(state, memory)

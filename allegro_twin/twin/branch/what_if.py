@@ -49,7 +49,7 @@ def needs_model(recording: Recording, options: BranchOptions) -> bool:
     `options.hand`."""
     if options.hand and _simulated(recording):
         raise ConfigError(f"{recording.path} is of a simulation, which is repeated as it was: leave out --hand")
-    return "engine" not in recording.meta or bool(options.hand)
+    return not (_simulated(recording) or "engine" in recording.meta) or bool(options.hand)
 
 
 def _simulated(recording: Recording) -> bool:

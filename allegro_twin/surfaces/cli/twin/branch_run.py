@@ -130,6 +130,7 @@ def lines(found: BranchResult, at: float) -> Iterator[str]:
     if found.report is not None:
         held = "held" if found.report.held else f"not held: {found.report.reason}"
         yield f"The grasp of the branch: {held}"
+    yield from found.notes
 
 
 def _compared(found: BranchResult) -> list[tuple[Array, Array]]:
