@@ -49,19 +49,23 @@ def tried(name: str, settings: dict[str, Any], episodes: int, seed: int) -> tupl
     env, successes, returns = ArmPick(**settings), [], []
     draws = np.random.default_rng(seed)
     for episode in range(episodes):
-        env.reset(seed=10_000 * seed + episode)
-        act = _policy(name, env, draws)
-        info: dict[str, Any] = {}
-        over, earned = False, 0.0
-        while not over:
-            _, reward, lost, late, info = env.step(act())
-            over, earned = lost or late, earned + reward
-        successes.append(bool(info["is_success"]))
+        held, earned = episode_of(env, 10_000 * seed + episode, lambda: _policy(name, env, draws))
+        successes.append(held)
         returns.append(earned)
     env.close()
     low, high = wilson(sum(successes), episodes)
     rate = sum(successes) / episodes
     return f"{rate:.0%} ({low:.0%}–{high:.0%})", f"{np.mean(returns):.1f}"
+
+
+def episode_of(env: ArmPick, seed: int, policy: Callable[[], Callable[[], Floats]]) -> tuple[bool, float]:
+    """Success and return of the episode of a seed; `policy` is made once it has begun."""
+    env.reset(seed=seed)
+    act, info, over, earned = policy(), dict[str, Any](), False, 0.0
+    while not over:
+        _, reward, lost, late, info = env.step(act())
+        over, earned = lost or late, earned + reward
+    return bool(info["is_success"]), earned
 
 
 def _policy(name: str, env: ArmPick, draws: np.random.Generator) -> Callable[[], Floats]:
