@@ -1,10 +1,11 @@
 """How far a task is solved by numbers that look at nothing: `python -m benchmarks.cheats [TASK …] [PAGE.md]`.
 
 Two families, with half of the CPU time each: constants, u = c, 16 numbers; and an oscillation at f = 1 Hz, 32 numbers,
-u = a cos 2πft + b sin 2πft. For `ArmPick` with `control="grasp"`, whose arm has somewhere to go: constants of 7 numbers,
-and 28 of straight lines between four knots. The cross-entropy method fits a normal distribution to the best quarter of
-16 drawn vectors by their return in two episodes each, other ones in every generation. What is reported is the mean of
-the last distribution in 200 episodes that no search has seen. A task that such a search solves does not ask for looking.
+u = a cos 2πft + b sin 2πft. For `ArmPick` with `control="grasp"`, whose arm has somewhere to go: constants of 7
+numbers, and 28 of straight lines between four knots. The cross-entropy method fits a normal distribution to the best
+quarter of 16 drawn vectors by their return in two episodes each, other ones in every generation. What is reported is
+the mean of the last distribution in 200 episodes that no search has seen. A task that such a search solves does not
+ask for looking.
 """
 
 from __future__ import annotations
@@ -95,7 +96,8 @@ class Line:
         at, self.decision = self.decision / max(self.decisions - 1, 1) * (len(self.knots) - 1), self.decision + 1
         behind = min(int(at), len(self.knots) - 1)
         ahead, part = min(behind + 1, len(self.knots) - 1), at - behind
-        return np.clip((1.0 - part) * self.knots[behind] + part * self.knots[ahead], -1.0, 1.0).astype(np.float32)
+        action: Floats = ((1.0 - part) * self.knots[behind] + part * self.knots[ahead]).astype(np.float32)
+        return np.clip(action, -1.0, 1.0)
 
 
 Returns = Callable[[Array, int], Array]
