@@ -407,10 +407,10 @@ def load_protocol(name: str) -> TrialProtocol:
 
 
 def with_object(scenario: Scenario, name: str) -> Scenario:
-    """The scenario with another object (`parse_object`) where its first one stands: at the same place, with the same
-    yaw. Raises ConfigError."""
+    """The scenario with another object (`parse_object`) where its first one stands: at the same place on the table,
+    with the same yaw. Raises ConfigError."""
     first, *others = scenario.objects
-    placed = parse_object(name).model_copy(update={"at": first.at, "yaw": first.yaw})
+    placed = parse_object(name).model_copy(update={"at": first.at[:2], "yaw": first.yaw})
     check_object_names((placed, *others))
     return scenario.model_copy(update={"objects": (placed, *others)})
 

@@ -20,6 +20,7 @@ from allegro_twin.grasping.evaluation.campaign import (
     make_campaign,
 )
 from allegro_twin.grasping.evaluation.outcomes import compare_pairs, rates, summarise
+from allegro_twin.grasping.interchange.dexgraspbench import write_dexgraspbench
 from allegro_twin.grasping.interchange.read import import_grasp
 from allegro_twin.grasping.metrics.trial_metrics import NAMES, trial_metrics
 from allegro_twin.grasping.scenario import load_protocol
@@ -159,6 +160,30 @@ def test_the_palm_is_where_the_file_has_it_from_the_middle_of_the_mesh(tmp_path:
     np.testing.assert_array_equal(found.grasp.close, made.close[1])
 
 
+def test_the_object_of_a_file_is_beside_it_before_it_is_in_the_working_directory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "sub").mkdir()
+    for folder in (tmp_path, tmp_path / "sub"):
+        (folder / "block.obj").write_text(BLOCK)
+    monkeypatch.chdir(tmp_path)
+    grasps(tmp_path / "sub" / "0.npy", thing="block.obj")
+    found = import_grasp(Path("sub/0.npy"), 0, load_spec())
+    assert found.scenario.objects[0].file == tmp_path / "sub" / "block.obj"
+    (tmp_path / "sub" / "block.obj").unlink()
+    assert import_grasp(Path("sub/0.npy"), 0, load_spec()).scenario.objects[0].file == tmp_path / "block.obj"
+    asked = import_grasp(Path("sub/0.npy"), 0, load_spec(), "block.obj")
+    assert asked.scenario.objects[0].file == tmp_path / "block.obj"
+
+
+def test_the_object_of_a_file_may_be_a_name_of_the_catalogue_which_has_its_own_size(tmp_path: Path) -> None:
+    made = grasps(tmp_path / "0.npy", thing="rubiks_cube")
+    assert import_grasp(tmp_path / "0.npy", 0, load_spec()).scenario.objects[0].name == "rubiks_cube"
+    write_dexgraspbench(tmp_path / "1.npy", replace(made, scale=np.full(len(made), 0.06)))
+    with pytest.raises(ConfigError, match="its object 'rubiks_cube' has the catalogue's size, and its scale is 0.06"):
+        import_grasp(tmp_path / "1.npy", 0, load_spec())
+
+
 @pytest.mark.parametrize("row", [0, 1])
 def test_a_palm_of_a_file_is_in_its_scene_where_the_file_has_it_for_either_hand(
     row: int, side: Side, tmp_path: Path
@@ -177,7 +202,10 @@ def test_a_palm_of_a_file_is_in_its_scene_where_the_file_has_it_for_either_hand(
 
 def test_an_object_that_is_not_here_is_asked_for(tmp_path: Path) -> None:
     grasps(tmp_path / "0.npy", thing="assets/core_mug")
-    with pytest.raises(ConfigError, match=r"0\.npy: its object 'assets/core_mug' is no mesh here: say --object FILE"):
+    with pytest.raises(
+        ConfigError,
+        match=r"0\.npy: its object 'assets/core_mug' is no mesh here and not in the catalogue: say --object FILE",
+    ):
         find_targets([tmp_path / "0.npy"])
 
 

@@ -204,7 +204,7 @@ def test_a_compound_in_physics_is_one_body_with_the_mass_and_the_middle_of_the_u
     np.testing.assert_allclose(bench.centre - bench.placed.position, volumes @ middles / volumes.sum(), atol=1e-6)
     geoms = bench.model.geom_bodyid == bench.body
     assert geoms.sum() == 2
-    assert (bench.model.geom_friction[geoms] < 0.01).all()  # The hand's counts.
+    assert (bench.model.geom_friction[geoms, 0] == 0.8).all()
     larger = compound_object(body, "seen", 500.0, tmp_path, 1.1, 2.0)
     model = mujoco.MjModel.from_xml_path(str(larger.file))
     assert model.body_mass[1] == pytest.approx(2.0 * 500.0 * volumes.sum(), rel=1e-5)

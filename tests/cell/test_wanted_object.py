@@ -52,7 +52,17 @@ def test_of_several_things_the_one_that_is_like_what_was_asked_for_comes_first(c
 def test_what_is_like_nothing_that_was_seen_leaves_the_order_as_it_is(cell: Cell) -> None:
     seen = looked(cell)[2]
     assert wanted_first(seen, GraspObject("pea", "sphere", (0.008,), 0.001)) is seen
-    assert wanted_first(seen, GraspObject("thing", "mjcf", (), float("nan"), Path("thing.xml"))) is seen
+
+
+def test_an_mjcf_is_as_large_as_the_boxes_around_its_parts(tmp_path: Path) -> None:
+    file = tmp_path / "thing.xml"
+    file.write_text(
+        "<mujoco><worldbody><body pos='1 2 3'><geom type='box' size='0.01 0.02 0.03' mass='0.1'/>"
+        "<body pos='0 0 0.05' euler='90 0 0'><geom type='cylinder' size='0.005 0.04' mass='0.1'/></body>"
+        "</body></worldbody></mujoco>"
+    )
+    thing = GraspObject("thing", "mjcf", (), float("nan"), file)
+    np.testing.assert_allclose(resting_extents(thing)[2], [0.02, 0.08, 0.085], atol=1e-6)
 
 
 @pytest.mark.parametrize(("wanted", "where"), [("lemon", [-0.1, 0.1]), (None, [0.08, -0.06])])

@@ -13,10 +13,11 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.batch.trials import load_case
 from allegro_twin.grasping.scenario import Wrist, load_protocol, load_scenario, skew_warning, with_object
-from allegro_twin.grasping.timeline import make_stage, make_timeline
+from allegro_twin.grasping.timeline import make_stage, make_timeline, place_object
 from allegro_twin.grasping.trial import make_trial
 from allegro_twin.hands.description.specs import load_spec
 from allegro_twin.hands.library.library import grasp_names, load_grasp, load_posture, posture_names
+from allegro_twin.sim.objects.catalogue import load_object
 from allegro_twin.spec import HandSpec, Side
 
 GOOD = """
@@ -241,6 +242,18 @@ def test_another_object_stands_where_the_scenarios_own_does(tmp_path: Path) -> N
         make_trial(str(path), spec, object_name="apple").scenario,
     ):
         assert made.objects == (asked,)
+
+
+def test_another_object_than_an_mjcf_stands_on_the_table_whatever_that_ones_height_is(tmp_path: Path) -> None:
+    (tmp_path / "thing.xml").write_text("<mujoco><worldbody><body><geom size='0.03'/></body></worldbody></mujoco>")
+    path = tmp_path / "it.yaml"
+    own = "{name: thing, shape: mjcf, file: thing.xml, at: [0.1, 0, 0.03]}"
+    path.write_text(GOOD.replace("{name: rubiks_cube}", own))
+    scenario, _ = load_scenario(path)
+    asked = with_object(scenario, "cracker_box").objects[0]
+    height = place_object(asked).position[2]
+    assert place_object(asked).position[:2] == (0.1, 0.0)
+    assert height == pytest.approx(load_object("cracker_box").half_extents()[2], abs=2e-4)
 
 
 def test_another_object_has_a_name_of_its_own(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.sim.objects import point_clouds
 from allegro_twin.sim.objects.clean_mesh import (
     ScanSettings,
     checked,
@@ -19,7 +20,7 @@ from allegro_twin.sim.objects.clean_mesh import (
     make_clean,
     reduce_triangles,
 )
-from allegro_twin.sim.objects.mesh_repair import Soup, is_closed
+from allegro_twin.sim.objects.mesh_repair import Repair, Soup, is_closed
 from allegro_twin.sim.objects.meshes import load_hull, load_mesh, mesh_middle, mesh_report
 from allegro_twin.sim.objects.scan_files import read_scan, stated_unit
 from allegro_twin.types import Array
@@ -172,7 +173,8 @@ def test_a_unit_that_a_file_states_is_known_or_refused_with_those_that_are(tmp_p
     file = tmp_path / "scan.obj"
     for text, unit in (("unit system: feet", "ft"), ("units: decimeters", "dm"), ("units: microns", "um"),
                        ("Units = µm", "um"), ("1 unit = 1 cm", "cm"), ("units: unknown", None), ("a unit cube", None),
-                       ("comment units in metres", "m")):  # fmt: skip
+                       ("comment units in metres", "m"), ("All units are in cm", "cm"), ("units are in inches", "inch"),
+                       ("the unit is in.", "inch"), ("This unit is in good shape", None)):  # fmt: skip
         file.write_text(f"# {text}\nv 0 0 0\n", encoding="utf-8")
         assert stated_unit(file) == unit
     solid = bottle()
@@ -268,6 +270,42 @@ def test_a_view_from_one_side_says_what_is_assumed(tmp_path: Path) -> None:
     flat = view(moved(cracker(), (0, 0, 0), 0.5), (0.0, 1.0, 0.0), 0.0012)
     with pytest.raises(ConfigError, match="without depth: scan it from a second side"):
         make_clean(pcd(tmp_path / "flat.pcd", flat))
+
+
+def part_of(solid: Solid, beyond: float) -> Array:
+    """Corners of the triangles that are further along y, (m, 3, 3)."""
+    corners = soup(solid)
+    found: Array = corners[corners[:, :, 1].mean(axis=1) > beyond]
+    return found
+
+
+@pytest.mark.slow
+def test_more_than_half_of_a_ball_becomes_the_ball_however_its_triangles_wind(tmp_path: Path) -> None:
+    """Beyond the outline its surface looks away from the viewer."""
+    corners = part_of(ball(), -0.003)
+    wound = corners.copy()
+    some = np.random.default_rng(0).random(len(wound)) < 0.4
+    wound[some] = wound[some][:, ::-1]
+    for triangles in (corners, wound):
+        made = make_clean(stl(tmp_path / "part.stl", triangles, 0.001))
+        assert "a view from one side" in made.report.line()
+        np.testing.assert_allclose(np.linalg.norm(made.vertices, axis=1), 0.035, atol=0.0005)
+
+
+def test_a_surface_that_lies_beside_its_points_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A band of normals that look inwards lifts the surface off all its copies."""
+    whole = point_clouds._facing
+
+    def turned(cloud: point_clouds.Oriented) -> point_clouds.Oriented:
+        found = whole(cloud)
+        inward = np.where(found.points[:, 1] < 0.0, -1.0, 1.0)[:, None]
+        return found._replace(normals=inward * found.normals)
+
+    monkeypatch.setattr(point_clouds, "_facing", turned)
+    file = stl(tmp_path / "part.stl", part_of(ball(), -0.003), 0.001)
+    vertices, faces = np.unique(part_of(ball(), -0.003).reshape(-1, 3), axis=0, return_inverse=True)
+    with pytest.raises(ConfigError, match=r"part\.stl: the surface of its points lies up to \d\.\d mm beside them"):
+        point_clouds.complete_surface(file, Soup(vertices, faces.reshape(-1, 3)), Repair())
 
 
 def standing(solid: Solid, count: int = 12_000) -> tuple[Array, Array]:

@@ -140,6 +140,26 @@ def test_a_mesh_and_an_mjcf_of_the_users_own_become_objects(tmp_path: Path) -> N
         np.testing.assert_allclose(backend.data.body(name).xpos, [x, 0, 0.02], atol=5e-4)
 
 
+@pytest.mark.parametrize("own", ["", "friction='2 1 1' priority='1'"])
+def test_an_mjcfs_own_friction_gives_way_to_the_scenarios(own: str, tmp_path: Path) -> None:
+    (tmp_path / "cube.xml").write_text(
+        f"<mujoco><worldbody><body><geom type='box' size='0.02 0.02 0.02' mass='0.05' {own}/>"
+        f"<body><geom size='0.005' pos='0 0 0.02' {own}/></body></body></worldbody></mujoco>"
+    )
+    cube = {"name": "cube", "shape": "mjcf", "file": "cube.xml", "at": (0, 0, 0.0201)}
+    box = {"name": "box", "shape": "box", "size": (0.04, 0.04, 0.04), "mass": 0.05, "at": (0.1, 0)}
+    backend = backend_at(scenario(objects=[cube, box], friction=0.03), tmp_path)
+    backend.reset()
+    for _ in range(10):
+        backend.read()
+    model, data = backend.model, backend.data
+    names = [{model.body(model.geom_bodyid[g]).name for g in contact.geom} for contact in data.contact]
+    rubs = {name: {tuple(c.friction) for c, of in zip(data.contact, names, strict=True) if name in of} for name in
+            ("cube", "box")}  # fmt: skip
+    assert rubs["cube"] == rubs["box"]
+    assert {friction[0] for friction in rubs["cube"]} == {0.03}
+
+
 @pytest.mark.parametrize(
     ("own", "message"),
     [

@@ -8,7 +8,7 @@ import numpy as np
 
 from allegro_twin.cell.perception.errors import PerceptionRefusal
 from allegro_twin.cell.perception.pipeline import Detection
-from allegro_twin.sim.objects.catalogue import GraspObject
+from allegro_twin.sim.objects.catalogue import GraspObject, outer_points
 from allegro_twin.types import Array
 
 _FITS = 0.4
@@ -35,12 +35,11 @@ def unlikeness(size: Sequence[float], poses: Array) -> float:
 
 def resting_extents(grasp_object: GraspObject) -> Array:
     """The sorted edges of the boxes around an object, (k, 3), m: upright along each of its own axes, and across it as
-    small as any turn makes it. None of an MJCF, which has no size."""
-    if grasp_object.shape == "mjcf":
-        return np.empty((0, 3))
-    if grasp_object.shape != "mesh":
+    small as any turn makes it. Raises ConfigError for a file that is not readable."""
+    if grasp_object.shape not in ("mesh", "mjcf"):
         return np.sort(2.0 * grasp_object.half_extents())[None]
-    points, found = grasp_object.mesh().vertices, []
+    points = grasp_object.mesh().vertices if grasp_object.shape == "mesh" else outer_points(grasp_object)
+    found = []
     for up in range(3):
         across = np.delete(points, up, axis=1)
         directions = np.stack([np.cos(_TURNS), np.sin(_TURNS)])

@@ -43,7 +43,7 @@ class YamlGrasps(Settings):
     """Grasps of one hand on one object."""
 
     object: str
-    """A name or a file; a relative path is the file's own."""
+    """A name of the catalogue, or a mesh, which is looked for beside this file, then in the working directory."""
     hand: str | None = None
     """The model of hand that they are of; None: the one that they are read for."""
     side: Side = "right"

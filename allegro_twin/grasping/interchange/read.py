@@ -21,6 +21,7 @@ from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.taxonomy import ClaimedType
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
+from allegro_twin.sim.objects.catalogue import object_catalogue
 from allegro_twin.sim.objects.meshes import SUFFIXES, mesh_middle
 from allegro_twin.spec import SIDES, HandSpec, Side
 
@@ -158,8 +159,17 @@ def _object(grasps: Grasps, row: int, object_name: str | None, path: Path) -> Sc
     if object_name is not None and Path(name).suffix.lower() not in SUFFIXES:
         return parse_object(name)
     places = [Path(name), path.parent / name]
+    if object_name is None:
+        places.reverse()  # What a file names is beside it.
+        if name in object_catalogue():
+            if grasps.scale[row] != 1.0:
+                raise ConfigError(
+                    f"{path}: its object {name!r} has the catalogue's size, and its scale is {grasps.scale[row]:g}: "
+                    "write scale: 1, or name a mesh"
+                )
+            return parse_object(name)
     file = next((place for place in places if place.is_file() and place.suffix.lower() in SUFFIXES), None)
     if file is None:
-        raise ConfigError(f"{path}: its object {name!r} is no mesh here: say --object FILE")
+        raise ConfigError(f"{path}: its object {name!r} is no mesh here and not in the catalogue: say --object FILE")
     scale = None if grasps.scale[row] == 1.0 else float(grasps.scale[row])  # 1 says nothing of the mesh's unit.
     return parse_object(str(file)).model_copy(update={"scale": scale})

@@ -129,7 +129,7 @@ def name_from(text: str, where: str) -> str:
     plain = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode().lower()
     name = re.sub(r"[^a-z0-9]+", "_", plain).strip("_")
     if not name:
-        raise ConfigError(f"{where}: its name has neither a letter nor a digit to name grasps by; rename the file")
+        raise ConfigError(f"{where}: its name has no letter a to z and no digit to name grasps by; rename the file")
     return name if name[0].isalpha() else f"object_{name}"
 
 

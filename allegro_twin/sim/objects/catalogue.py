@@ -145,7 +145,7 @@ def add_object(
             f"stands there; {other}"
         )
     if grasp_object.shape == "mjcf":
-        _attach(spec, placement)
+        _attach(spec, placement, friction)
         return
     body = spec.worldbody.add_body(name=grasp_object.name, pos=placement.position, quat=placement.quaternion)
     body.add_freejoint(name=grasp_object.name)
@@ -196,7 +196,8 @@ def _stood(body: mujoco.MjsBody, table: mujoco.MjsGeom, name: str, touch: dict[s
     return {"contype": _CUT, "conaffinity": _ANY | _CUT}
 
 
-def _attach(spec: mujoco.MjSpec, placement: PlacedObject) -> None:
+def _attach(spec: mujoco.MjSpec, placement: PlacedObject, friction: tuple[float, float, float]) -> None:
+    """The body of an MJCF; its own friction does not count, since of two geoms that touch the rougher one's does."""
     grasp_object = placement.grasp_object
     try:
         child = mujoco.MjSpec.from_file(str(grasp_object.file))
@@ -216,6 +217,25 @@ def _attach(spec: mujoco.MjSpec, placement: PlacedObject) -> None:
     body.name = grasp_object.name
     body.pos, body.quat = [0, 0, 0], [1, 0, 0, 0]
     body.add_freejoint(name=grasp_object.name)
+    for geom in body.find_all("geom"):
+        geom.friction, geom.condim, geom.priority = friction, 6, 0
+
+
+def outer_points(grasp_object: GraspObject) -> Array:
+    """Corners of the boxes around the geoms of an MJCF's body, in its frame, (k, 3), m. Raises ConfigError."""
+    spec = mujoco.MjSpec()
+    _attach(spec, PlacedObject(grasp_object, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)), (1.0, 0.0, 0.0))
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        raise ConfigError(f"object {grasp_object.name}: {grasp_object.file}: {_first_line(error)}") from error
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    corners = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
+    boxes = model.geom_aabb[:, None, :3] + corners * model.geom_aabb[:, None, 3:]
+    turn = data.geom_xmat.reshape(-1, 1, 3, 3)
+    points: Array = ((turn @ boxes[..., None])[..., 0] + data.geom_xpos[:, None]).reshape(-1, 3)
+    return points
 
 
 def _first_line(error: Exception) -> str:

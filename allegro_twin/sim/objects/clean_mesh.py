@@ -255,7 +255,7 @@ def _solid(path: Path, soup: Soup, before: Soup, repair: Repair, settings: ScanS
     if oriented is not None:
         mended = fix.fill(oriented, repair)
         if repair.hole_area > fix.SIDE * fix.areas(mended).sum():
-            whole = None if _stands(mended, repair) else _completed(path, before, settings, repair)
+            whole = None if _stands(mended, repair) else _completed(path, oriented, settings, repair)
             if whole is not None:
                 return whole
             repair.done.append(_THIN)
@@ -286,7 +286,7 @@ def _stands(soup: Soup, repair: Repair) -> bool:
 
 
 def _completed(path: Path, before: Soup, settings: ScanSettings, repair: Repair) -> Soup | None:
-    """The solid of which a surface shows one side, by symmetry; None where no symmetry fits what is there."""
+    """The solid of which an oriented surface shows one side, by symmetry; None where no symmetry fits."""
     trial = Repair()
     try:
         whole = complete_surface(path, before, trial)

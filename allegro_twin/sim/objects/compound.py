@@ -16,8 +16,6 @@ _GEOMS = {
     "ellipsoid": (mujoco.mjtGeom.mjGEOM_ELLIPSOID, (0, 1, 2)),
 }
 """The geom of a shape, and which of its half extents are its sizes."""
-_SMOOTH = (1e-5, 1e-5, 1e-5)
-"""Friction of the pieces: of two geoms that touch the rougher counts, so the friction is that of the scene."""
 
 
 def write_compound(parts: Sequence[PlacedObject], path: Path) -> None:
@@ -29,7 +27,6 @@ def write_compound(parts: Sequence[PlacedObject], path: Path) -> None:
         kind, size = _geom(part.grasp_object)
         body.add_geom(
             type=kind, size=size, pos=part.position, quat=part.quaternion, mass=part.grasp_object.mass,
-            friction=_SMOOTH, condim=6,
         )  # fmt: skip
     spec.compile()  # Only what was compiled is written.
     path.write_text(spec.to_xml())

@@ -28,6 +28,12 @@ FLAT = 0.04
 """Share of the size below whose depth a view shows no solid."""
 GRAZING = 0.45
 """Cosine between view and normal, below which a point of the outline is of the silhouette."""
+ASTRAY = 2.0
+"""Multiples of the points' spacing, from which on a surface is not that of its points; good ones stay below 1."""
+SURE = 0.25
+"""Cosine between view and normal, from which a point that is seen shows by itself to which side it looks."""
+OPPOSED = 0.01
+"""Share of points whose nearest neighbour looks the other way, from which on normals say nothing of the sides."""
 WALLS = 0.3
 """Share of a surface."""
 EVEN = 0.6
@@ -245,6 +251,14 @@ def _made(path: Path, cloud: Oriented, grid: Grid, outside: Numbers) -> Soup:
     if made is None:
         raise ConfigError(
             f"{path}: its points enclose nothing: scan it from more sides, or take their convex hull, --hull"
+        )
+    from scipy.spatial import cKDTree
+
+    far = float(np.quantile(cKDTree(cloud.points).query(made.vertices)[0], 0.9))
+    if far > ASTRAY * cloud.spacing:
+        raise ConfigError(
+            f"{path}: the surface of its points lies up to {1000 * far:.2g} mm beside them, since their normals "
+            "contradict each other: make normals that agree in the scanner's program or MeshLab, or --hull"
         )
     return made
 
@@ -485,15 +499,49 @@ def _hull(cloud: Oriented, repair: Repair) -> Oriented:
 
 
 def _facing(cloud: Oriented) -> Oriented:
-    """With normals to the side from which it was seen: where it bulges."""
+    """With normals to the side from which it was seen: where it bulges.
+
+    Normals that agree with their neighbours' stay or turn all together: what bends around beyond the outline looks away
+    from the viewer. Others turn one by one; what is seen at a grazing angle follows its neighbours."""
     normals = cloud.normals
     view = np.linalg.eigh(normals.T @ normals)[1][:, 2]
-    for _ in range(5):
-        normals = normals * np.where(normals @ view < 0, -1, 1)[:, None]
+    if _agree(cloud):
         view = normals.mean(axis=0) / np.linalg.norm(normals.mean(axis=0))
+    else:
+        for _ in range(5):
+            normals = normals * np.where(normals @ view < 0, -1, 1)[:, None]
+            view = normals.mean(axis=0) / np.linalg.norm(normals.mean(axis=0))
+        normals = _followed(cloud.points, normals, np.abs(normals @ view) > SURE)
     rim = cloud.points[_is_outline(cloud)]
     bulge = (cloud.points.mean(axis=0) - rim.mean(axis=0)) @ view if len(rim) else 1.0
     return cloud._replace(normals=normals if bulge >= 0 else -normals)
+
+
+def _agree(cloud: Oriented) -> bool:
+    """Whether normals look to the same side of the surface as their neighbours'."""
+    from scipy.spatial import cKDTree
+
+    _, near = cKDTree(cloud.points).query(cloud.points, k=2)
+    against = np.einsum("nj,nj->n", cloud.normals, cloud.normals[near[:, 1]]) < -0.5
+    return float(against.mean()) < OPPOSED
+
+
+def _followed(points: Numbers, normals: Numbers, sure: Numbers) -> Numbers:
+    """Normals, turned to the side of their neighbours' where they are not sure themselves, from those that are on."""
+    from scipy.spatial import cKDTree
+
+    if not sure.any():
+        return normals
+    _, near = cKDTree(points).query(points, k=min(_NEIGHBOURS, len(points)))
+    normals, known = normals.copy(), sure.copy()
+    while not known.all():
+        rows = np.flatnonzero(~known & (known[near].sum(axis=1) > 2))
+        if not len(rows):
+            break
+        beside = np.einsum("nk,nkj->nj", known[near[rows]].astype(float), normals[near[rows]])
+        normals[rows] *= np.where(np.einsum("nj,nj->n", beside, normals[rows]) < 0, -1, 1)[:, None]
+        known[rows] = True
+    return normals
 
 
 def _is_outline(cloud: Oriented) -> Numbers:

@@ -35,7 +35,7 @@ _MORE = {"in": "inch", "dm": "dm", "decimeter": "dm", "decimetre": "dm", "ft": "
 """In a file alone: a name may be that of a scan of a foot."""
 _NO_UNIT = ("arbitrary", "default", "generic", "none", "undefined", "unitless", "unknown", "unspecified", "unset")
 _STATED = (r"\bunits?(?:[ _]?(?:system|name|length))?\b\s*[:=]+\s*[\"']?(?:1(?:\.0*)?\s*)?([^\W_][^\s\"',;]*)",
-           r"\bunits?\b\W{0,4}(?:is|are|in)?\W{0,2}([a-zµμ]+)\b")  # fmt: skip
+           r"\bunits?\b\W{0,4}(?:(?:is|are)\b\W{0,2})?(?:in\b[ \t]{1,2}(?=[a-zµμ]))?([a-zµμ]+)\b")  # fmt: skip
 """How files state a unit: after a sign, where any word is meant as one, and in other ways."""
 LARGEST, SMALLEST = 1.0, 0.002
 """m; an object beyond these is no object for a hand, and its file has another unit."""

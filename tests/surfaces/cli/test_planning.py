@@ -66,7 +66,8 @@ def never(search: GraspSearch) -> None:
 def test_plan_writes_grasps_that_run_with_a_picture_of_each(command: Run, tmp_path: Path) -> None:
     folder = tmp_path / "plans"
     code, shown, errors = command("plan", "lemon", "--n", 2, "--out", folder, "--keep", tmp_path / "library")
-    assert (code, errors) == (0, "")
+    assert code == 0
+    assert errors.startswith("the search is over: 2 grasps; each is now judged on 20 fresh draws, ")
     assert "2 grasps for lemon" in shown
     names = {path.name for path in folder.iterdir()}
     assert names >= {"lemon_1.yaml", "lemon_2.yaml", "lemon_1.png", "overview.png", "grasps"}
@@ -213,6 +214,21 @@ def test_the_command_mesh_refuses_what_is_no_length_and_to_write_over_what_it_re
     assert (code, errors.count("\n")) == (2, 1)
 
 
+def test_the_command_mesh_replaces_no_picture_and_no_text_but_its_own(command: Run, tmp_path: Path) -> None:
+    file = obj(tmp_path / "scan.obj", cracker().vertices, cracker().faces.tolist(), 0.001)
+    for name, content in (("bowl.png", b"a texture"), ("bowl.json", b'{"file": "mine"}')):
+        theirs = tmp_path / name
+        theirs.write_bytes(content)
+        code, _, errors = command("mesh", file, "--out", tmp_path / "bowl.obj")
+        assert (code, errors.count("\n")) == (2, 1)
+        assert f"{name} beside it is none of this command's: choose another name" in errors
+        assert theirs.read_bytes() == content
+        assert not (tmp_path / "bowl.obj").exists()
+        theirs.unlink()
+    for _ in range(2):
+        assert command("mesh", file, "--out", tmp_path / "bowl.obj")[0] == 0
+
+
 def test_grasps_of_a_mesh_are_named_after_its_file_as_nearly_as_names_allow(
     command: Run, tmp_path: Path, finds: Found
 ) -> None:
@@ -227,7 +243,7 @@ def test_grasps_of_a_mesh_are_named_after_its_file_as_nearly_as_names_allow(
     file.rename(tmp_path / "箱.obj")
     code, _, said = command("plan", tmp_path / "箱.obj", "--out", tmp_path / "out")
     assert (code, said.count("\n")) == (2, 1)
-    assert "has neither a letter nor a digit to name grasps by; rename the file" in said
+    assert "has no letter a to z and no digit to name grasps by; rename the file" in said
 
 
 def test_a_folder_that_cannot_take_a_plan_is_refused_before_the_search(

@@ -156,7 +156,7 @@ def _objects(
         place = names.index(object_name)
     elif object_name is not None:
         first = objects[0]
-        placed, asked = {"at": first.at, "yaw": first.yaw}, parse_object(object_name)
+        placed, asked = {"at": first.at[:2], "yaw": first.yaw}, parse_object(object_name)
         if asked.name in names[1:]:
             raise ConfigError(
                 f"--object {object_name}: another {asked.name} is on the table; rename one: objects have different "

@@ -32,7 +32,10 @@ def parse_length(text: str) -> float:
 
 def mesh(
     file: Annotated[Path, typer.Argument(help="A scan: STL, OBJ, PLY, OFF, glTF, or points: PLY, PCD, XYZ, NPY.")],
-    out: Annotated[Path | None, typer.Option(help="OBJ file to write, in m; default: FILE_clean.obj here.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="OBJ file to write, in m, and a .png and a .json beside it; default: FILE_clean.obj here."),
+    ] = None,
     scale: Annotated[
         float | None, typer.Option(help="Unit of the file, m; default: as its size says.", callback=options.positive)
     ] = None,
@@ -50,15 +53,16 @@ def mesh(
     from allegro_twin.sim.objects.clean_mesh import ScanSettings, clean_mesh
     from allegro_twin.surfaces.cli import console
 
+    target = out or Path(f"{file.stem}_clean.obj")
+    if target.suffix.lower() != ".obj" or target.resolve() == file.resolve():
+        raise ConfigError(f"--out {target}: the result is an .obj beside the scan, never in its place")
+    check_beside(target)
     settings = ScanSettings(scale, parse_length(tolerance), None if wall is None else parse_length(wall))
     try:
         made = clean_mesh(file, settings)
     except KeyboardInterrupt:
         console.warn(f"interrupted: {file} was not repaired to the end: nothing is written")
         raise
-    target = out or Path(f"{file.stem}_clean.obj")
-    if target.suffix.lower() != ".obj" or target.resolve() == file.resolve():
-        raise ConfigError(f"--out {target}: the result is an .obj beside the scan, never in its place")
     target.parent.mkdir(parents=True, exist_ok=True)
     with atomic_file(target) as temporary:
         lines = [f"# {made.report.line()}", "# units: m"]
@@ -69,6 +73,19 @@ def mesh(
     console.console.print(made.report.line(), soft_wrap=True, highlight=False)
     beside = f"{target.stem}.png and {target.stem}.json"
     console.say(f"Wrote {target}, {beside}; try it: allegro-twin new {shlex.quote(str(target))}")
+
+
+def check_beside(target: Path) -> None:
+    """Raise ConfigError where the picture and the report beside a target would replace what is none of ours, such as
+    the texture of a mesh."""
+    text, picture = target.with_suffix(".json"), target.with_suffix(".png")
+    try:
+        ours = json.loads(text.read_text(encoding="utf-8")).keys() >= {"file", "deviation", "largest_hole"}
+    except (OSError, ValueError, AttributeError):
+        ours = False
+    for path in () if ours else (picture, text):
+        if path.exists():
+            raise ConfigError(f"--out {target}: {path.name} beside it is none of this command's: choose another name")
 
 
 def show_repair(file: Path | None, scale: float | None, folder: Path, *, hull: bool = False) -> list[Path]:
