@@ -173,7 +173,7 @@ def environment(task: str, tried: Tried) -> None:
 
 
 def panel(tried: Tried) -> None:
-    told = describe_hand(1, assemble(tried.config()), tried.config(), ("position",), "default")
+    told = describe_hand(1, assemble(tried.config()), tried.config(), ("position",))
     assert told.spec.joints == tried.spec.joints
     assert set(library_contents(tried.spec).postures) >= set(tried.spec.postures)
 

@@ -26,7 +26,6 @@ def describe_hand(
     rig: Rig,
     config: RunConfig,
     controllers: tuple[str, ...],
-    gains: str,
     watch: EpisodeWatch | None = None,
 ) -> SessionInfo:
     """`watch`: of the episode, where the hand is in one. Raises ConfigError."""
@@ -38,7 +37,6 @@ def describe_hand(
         scenery(rig.spec, _meta(rig) if watch is None else {"look": watch.appearance}),
         controllers,
         gains_names(rig.spec),
-        gains,
         _scenarios(rig.spec) if choice else (),
         _object_names() if choice else (),
         config.task.scenario,

@@ -105,7 +105,7 @@ class HandSession:
         self._recording = Path()
         self._recorded_from, self._teaching, self._trouble, self._verdict_due = 0.0, False, "", False
         self._stalled: HandError | None = None
-        self._clipped, self._interfered = 0, False
+        self._clipped, self._interfered, self._cut_short = 0, False, False
         with ExitStack() as opened:
             self.rig = assemble(config)
             opened.callback(self.rig.backend.close)
@@ -116,6 +116,7 @@ class HandSession:
             if trial is not None and not perform:
                 trial.backend.drive = trial.backend.drive[:1]
             self._gains = controller.gains if isinstance(controller, PositionSettings) else "default"
+            self._gravity: tuple[float, float, float] | None = None
             gains, first = load_gains(self._gains, self.rig.spec), None
             opened.callback(self._abandon_recording)
             if self.watch is not None:
@@ -141,7 +142,7 @@ class HandSession:
 
     def describe(self) -> SessionInfo:
         """Raises ConfigError."""
-        return describe_hand(self._number, self.rig, self._config, self.hand.controllers, self._gains, self.watch)
+        return describe_hand(self._number, self.rig, self._config, self.hand.controllers, self.watch)
 
     def library(self) -> LibraryContents:
         """Raises ConfigError."""
@@ -165,6 +166,7 @@ class HandSession:
                 hand.set_controller(next((k for k in hand.controllers if k == kind), kind))  # type: ignore[arg-type]  # Checked there.
             case requests.SetGravity(vector):
                 hand.gravity = self.watch.gravity if vector is None and self.watch is not None else vector
+                self._gravity = vector
             case requests.ChooseGains(name):
                 hand.direct.use_gains(name)
                 self._gains = name
@@ -173,6 +175,8 @@ class HandSession:
                 self._hold()
             case requests.StopMotion():
                 self.stop()
+                shown, self._cut_short = self._cut_short, False
+                return "the demonstration has ended here: repeat it, or store it" if shown else ""
             case requests.ReleaseStop():
                 hand.direct.release()
                 return "the stop is released; the hand is limp until the next request"
@@ -202,6 +206,7 @@ class HandSession:
         """No torque from the next period on, and no force of the mouse; a demonstration ends here, before the hand
         sags."""
         self._demonstration.end()
+        self._cut_short |= self._teaching
         self._teaching = False
         self._interfered |= self._judged is not None
         self._drop()
@@ -416,6 +421,7 @@ class HandSession:
             self._number, state.t, state.position, state.torque, state.temperature, direct.target, look,
             self.hand.controller, direct.stopped, self._lost, tuple(self.rig.device.warnings()),
             state.t - self._recorded_from if self._recorder is not None else -1.0, self._teaching, goal=direct.goal,
+            gains=self._gains, gravity=self._gravity,
         )  # fmt: skip
 
 

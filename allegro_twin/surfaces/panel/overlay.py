@@ -53,7 +53,7 @@ _STOP = """
     say("…");
     try {
       const answer = await fetch("/stop", { method: "POST", keepalive: true });
-      say(answer.ok ? "LIMP" : "REFUSED");
+      say(answer.ok ? "STOPPED" : "REFUSED");
     } catch { say("NO LINK"); }
   };
   const lost = (is) => document.documentElement.classList.toggle("lost", is);

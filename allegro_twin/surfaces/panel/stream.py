@@ -57,6 +57,10 @@ class StreamFrame(NamedTuple):
     """Joint positions of the arm, rad; empty: the hand is alone."""
     goal: Vector = _NONE
     """Where the joints are headed, (n,), rad: `LiveControl.goal`; empty: of a cell."""
+    gains: str = ""
+    """Those in use."""
+    gravity: tuple[float, float, float] | None = None
+    """What a person has set, palm frame, m/s²; None: what the hand reports counts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +74,6 @@ class SessionInfo:
     kinds: tuple[str, ...] = ()
     """Controllers."""
     gains: tuple[str, ...] = ()
-    used: str = ""
-    """The gains in use."""
     scenarios: tuple[str, ...] = ()
     """Empty: the scene of this hand cannot be changed from here."""
     object_names: tuple[str, ...] = ()

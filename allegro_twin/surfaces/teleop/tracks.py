@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.csv_table import parse_csv
-from allegro_twin.spec import Side
+from allegro_twin.spec import SIDES, Side
 from allegro_twin.spec.hand import check_side
 from allegro_twin.surfaces.teleop.targets import COUNT, palm_length, wrong_size
 from allegro_twin.types import Array, Vector
@@ -56,6 +56,7 @@ def _npz(content: bytes, path: Path) -> HandTrack:
             found = {name: arrays[name] for name in arrays.files}
     except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
         raise ConfigError(f"{path}: not a .npz of plain numbers") from error
+    _check_side_key(found, str(path))
     if missing := [name for name in ("t", "landmarks") if name not in found]:
         raise ConfigError(f"{path}: lacks the array {missing[0]!r}; it has {', '.join(sorted(found)) or 'none'}")
     try:
@@ -90,6 +91,7 @@ def _json(content: bytes, path: Path) -> HandTrack:
     frames = document.get("frames") if isinstance(document, dict) else None
     if not isinstance(frames, list):
         raise ConfigError(f"{path}: must hold a mapping with a list of `frames`")
+    _check_side_key(document, str(path))
     pairs = [_frame(frame, f"{path}: frame {number}") for number, frame in enumerate(frames)]
     side = document.get("side")
     return HandTrack(
@@ -107,7 +109,10 @@ def _frame(frame: Any, where: str) -> tuple[float, Array]:
         t = float(t)
     except OverflowError as error:
         raise ConfigError(f"{where}: t has too many digits to be a time, s") from error
-    points = frame.get("landmarks")
+    _check_side_key(frame, where, "of the whole file")
+    if "landmarks" not in frame:
+        raise ConfigError(f"{where}: has no `landmarks`; a frame without a hand has null there")
+    points = frame["landmarks"]
     if points is None:
         return t, np.full((COUNT, 3), np.nan)
     if not isinstance(points, list) or len(points) != COUNT:
@@ -117,6 +122,13 @@ def _frame(frame: Any, where: str) -> tuple[float, Array]:
         return t, np.array(points, dtype=np.float64).reshape(COUNT, 3)
     except (TypeError, ValueError, OverflowError) as error:
         raise ConfigError(f"{where}: a landmark is three numbers, m") from error
+
+
+def _check_side_key(mapping: Mapping[str, Any], where: str, what: str = "of a file") -> None:
+    """Raises ConfigError for a side under a key that nobody reads."""
+    for key, value in mapping.items():
+        if (key != "side" or "whole" in what) and str(value).lower() in SIDES:
+            raise ConfigError(f"{where}: {key} is {value!s}, and the side {what} is its key `side`: right or left")
 
 
 def _side(text: str | None, path: Path) -> Side | None:

@@ -46,6 +46,8 @@ TABLE = [
         ("ros2 sim_right --rate 0", 2, "--rate must be above 0"),
         # A hand that follows a person's.
         ("teleop sim_right", 2, "--from"),
+        ("teleop sim_right --from track.csv --camera 3", 2, "--camera is for --from webcam, and track.csv is a file"),
+        ("teleop sim_right --from track.csv --model x.task", 2, "--model is for --from webcam, and track.csv is a"),
         ("teleop nope --from track.csv", 2, "no config named 'nope'"),
         ("teleop sim_right --from none.csv", 2, "none.csv: cannot be read"),
         ("teleop sim_right --from r.arrow", 2, "hand tracking is a file in .npz, .csv, .json, or `webcam`"),

@@ -37,7 +37,10 @@ class Gui:
     def __getattr__(self, name: str) -> Any:
         def add(label: str, *what: Any, initial_value: Any = None, **more: Any) -> Any:
             begins = what[0] if name == "add_vector3" else initial_value
-            made = SimpleNamespace(value=begins, disabled=False, visible=True, icon=None, color=more.get("color"))
+            options = what[0] if name == "add_dropdown" else ()
+            made = SimpleNamespace(
+                value=begins, options=options, disabled=False, visible=True, icon=None, color=more.get("color")
+            )
             made.on_click = made.on_update = lambda call: setattr(made, "call", call)
             self.made[label] = made
             return Folder() if name == "add_folder" else made
@@ -65,7 +68,7 @@ def chosen(gui: Gui, label: str, value: Any = None, client: int | None = 1) -> N
 def panel() -> Made:
     asked: list[Any] = []
     info = SimpleNamespace(
-        kinds=("torque", "gravity", "pd"), gains=("default", "soft"), used="default", scenarios=("lemon", "mug"),
+        kinds=("torque", "gravity", "pd"), gains=("default", "soft"), scenarios=("lemon", "mug"),
         object_names=("apple",), scenario=None, object_name=None, no_drag="", episode="",
     )  # fmt: skip
     gui = Gui()
@@ -105,13 +108,39 @@ def test_gains_and_gravity_count_at_once_and_what_the_program_itself_sets_asks_f
     assert asked == [r.ChooseGains("soft"), r.SetGravity((0.0, 0.0, -9.81)), r.SetGravity(None)]
 
 
+def moment(kind: str, gains: str = "default", gravity: tuple[float, float, float] | None = None) -> Any:
+    """All of a frame that is looked at."""
+    return SimpleNamespace(kind=kind, gains=gains, gravity=gravity)
+
+
+def test_gains_and_gravity_are_those_in_use_whoever_chose_them(panel: Made) -> None:
+    gui, view, asked = panel
+    gains, reported, vector = (gui.made[label] for label in ("Gains", "As the hand reports", "m/s², palm"))
+    view.refresh(moment("pd", "soft", (0.0, 0.0, 9.81)))
+    assert (gains.value, reported.value, vector.value, vector.visible) == ("soft", False, (0.0, 0.0, 9.81), True)
+    view.refresh(moment("pd"))
+    assert (gains.value, reported.value, vector.visible) == ("default", True, False)
+    assert asked == []
+
+
+def test_a_gravity_that_was_refused_goes_back_to_the_one_in_use_once_it_is_left_alone(panel: Made) -> None:
+    gui, view, _ = panel
+    view.refresh(moment("pd", gravity=(0.0, 0.0, 9.81)))
+    chosen(gui, "m/s², palm", (0.0, 0.0, -981.0))
+    seen = []
+    for _ in range(5):
+        view.refresh(moment("pd", gravity=(0.0, 0.0, 9.81)))
+        seen.append(gui.made["m/s², palm"].value[2])
+    assert seen == [-981.0, -981.0, -981.0, 9.81, 9.81]
+
+
 def test_the_active_controller_is_marked_and_a_button_changes_it(panel: Made) -> None:
     gui, view, asked = panel
     for kind in ("gravity", "pd"):
-        view.refresh(SimpleNamespace(kind=kind))  # type: ignore[arg-type]  # All that is looked at.
+        view.refresh(moment(kind))
         marked = {name for name in ("torque", "gravity", "pd") if gui.made[name].icon is not None}
         assert marked == {name for name in ("torque", "gravity", "pd") if gui.made[name].color == "blue"} == {kind}
-    view.refresh(SimpleNamespace(kind="the task's own"))  # type: ignore[arg-type]
+    view.refresh(moment("the task's own"))
     assert gui.made["pd"].icon is None
     chosen(gui, "torque")
     assert asked == [r.ChooseController("torque")]

@@ -269,6 +269,11 @@ def test_a_stop_ends_a_demonstration_before_the_hand_sags(desk: Desk, tmp_path: 
     desk.wish(r.StoreTaught("shown", motion=False))
     desk.until(lambda: "shown is in" in desk.page.notices())
     assert desk.page.frame().stopped
+    desk.until(lambda: "the demonstration has ended here: repeat it, or store it" in desk.page.notices())
+    desk.wish(r.StopMotion())
+    desk.wish(r.ReleaseStop())
+    desk.until(lambda: "the stop is released" in desk.page.notices())
+    assert desk.page.notices().count("has ended here") == 1
 
 
 @pytest.mark.parametrize("wish", [r.OpenScene("lemon", "nope", False), r.OpenScene("lemon", None, False), r.Reopen()])
@@ -325,13 +330,19 @@ def test_what_is_stored_where_no_name_is_looked_for_is_said(tmp_path: Path, monk
         session.close()
 
 
-def test_a_page_that_is_opened_again_is_told_the_gains_in_use(desk: Desk) -> None:
+def test_frames_tell_the_gains_and_the_gravity_in_use_and_none_that_was_refused(desk: Desk) -> None:
+    def newest() -> StreamFrame:
+        return desk.page.frame()
+
+    assert (newest().gains, newest().gravity) == ("default", None)
     desk.wish(r.ChooseGains("loose"))
-    desk.until(lambda: "gains loose" in desk.page.notices())
-    desk.page.given.put(None)
-    desk.until(lambda: len(desk.pages.opened) == 2 and any(isinstance(each, SessionInfo) for each in desk.page.said))
-    (info,) = [each for each in desk.page.said if isinstance(each, SessionInfo)]
-    assert info.used == "loose"
+    desk.wish(r.SetGravity((0.0, 0.0, 9.81)))
+    desk.until(lambda: (newest().gains, newest().gravity) == ("loose", (0.0, 0.0, 9.81)))
+    desk.wish(r.SetGravity((0.0, 0.0, -981.0)))
+    desk.until(lambda: "on no planet" in desk.page.notices())
+    assert newest().gravity == (0.0, 0.0, 9.81)
+    desk.wish(r.SetGravity(None))
+    desk.until(lambda: newest().gravity is None)
 
 
 def test_the_end_of_no_recording_is_not_said_to_be_whole(desk: Desk) -> None:

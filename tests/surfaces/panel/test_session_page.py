@@ -39,7 +39,7 @@ MUG = VisualShape("cylinder", (0.04, 0.04), (0.0, 0.0, 0.0), paint="mug")
 
 def opened(spec: HandSpec = SPEC, **changes: Any) -> SessionInfo:
     around = replace(scenery(spec, {}), palm=(0.1, 0.2, 0.5, 1.0, 0.0, 0.0, 0.0))
-    plain = SessionInfo(1, "a hand · simulated", spec, around, ("pd", "gravity", "torque"), ("default",), "default")
+    plain = SessionInfo(1, "a hand · simulated", spec, around, ("pd", "gravity", "torque"), ("default",))
     return replace(plain, **changes)
 
 

@@ -36,7 +36,7 @@ def teleop(
         typer.Option(help="Time without a tracked hand until the robot hand stops, s.", callback=options.positive),
     ] = 0.3,
     model: Annotated[Path | None, typer.Option(help="For a webcam: MediaPipe's file hand_landmarker.task.")] = None,
-    camera: Annotated[int, typer.Option(help="Number of the webcam.", min=0)] = 0,
+    camera: Annotated[int | None, typer.Option(help="Number of the webcam; default: 0.", min=0)] = None,
     view: Annotated[bool, typer.Option(help="Watch in Rerun's own window.")] = False,
     web: Annotated[bool, typer.Option(help="Watch in the browser.")] = False,
 ) -> None:
@@ -56,6 +56,9 @@ def teleop(
         raise ConfigError(
             "--from webcam needs --model hand_landmarker.task, MediaPipe's; docs/how-to/teleoperate.md says whence"
         )
+    for option, given in (("--model", model), ("--camera", camera)):
+        if given is not None and source != WEBCAM:
+            raise ConfigError(f"{option} is for --from webcam, and {source} is a file: leave it out")
     settings = on_hand(load_config(config), other)
     track = None if source == WEBCAM else read_track(_find_track(Path(source)))
     told = None if track is None else track.side
@@ -66,7 +69,7 @@ def teleop(
     with ExitStack() as stack:
         watcher = None
         if model is not None and track is None:
-            watcher = stack.enter_context(WorkerProcess(Webcam(model, side, camera)))
+            watcher = stack.enter_context(WorkerProcess(Webcam(model, side, camera or 0)))
         opened = open_follower(settings, side, _report, speed=speed, patience=patience)
         hand, follower = stack.enter_context(opened)
         console.say(f"{hand.spec.name} follows {source}; Ctrl-C ends it")

@@ -10,7 +10,7 @@ import viser
 
 from allegro_twin.surfaces.panel import requests
 from allegro_twin.surfaces.panel.page.html import CALM, FONT
-from allegro_twin.surfaces.panel.page.page_state import Browser, update
+from allegro_twin.surfaces.panel.page.page_state import PAUSE, Browser, update
 from allegro_twin.surfaces.panel.stream import SessionInfo, StreamFrame
 
 _NONE, _OWN = "no scenario", "the scenario's own"
@@ -30,14 +30,17 @@ class ControllerView:
         self._browser, self._gui, info = browser, browser.client.gui, browser.info
         self._kinds: dict[str, Any] = {}
         self._inputs: list[Any] = []
+        self._gains: Any = None
+        self._reported: Any = None
+        self._left_alone = 0
         with self._gui.add_folder("Controller"):
             for kind in info.kinds:
                 self._kinds[kind] = self._gui.add_button(kind, color="gray", hint=_KINDS.get(kind))
                 self._kinds[kind].on_click(self._choosing(kind))
             if len(info.gains) > 1:
-                gains = self._gui.add_dropdown("Gains", info.gains, initial_value=info.used)
-                gains.on_update(self._asking(requests.ChooseGains))
-                self._inputs.append(gains)
+                self._gains = self._gui.add_dropdown("Gains", info.gains)
+                self._gains.on_update(self._choose_gains)
+                self._inputs.append(self._gains)
         self._inputs += self._kinds.values()
         if "gravity" in info.kinds:  # Else no controller carries the hand's weight: it does so itself.
             self._add_gravity()
@@ -78,10 +81,21 @@ class ControllerView:
         self._inputs += [chosen, other, place, perform]
 
     def refresh(self, frame: StreamFrame) -> None:
-        """Mark the active controller."""
+        """Mark the active controller, and show the gains and the gravity in use; what was just touched is left to the
+        person."""
         for kind, button in self._kinds.items():
             active = kind == frame.kind
             update(button, color="blue" if active else "gray", icon=viser.Icon.CHECK if active else None)
+        self._left_alone -= 1
+        if self._left_alone >= 0:
+            return
+        if self._gains is not None and frame.gains in self._gains.options:
+            update(self._gains, value=frame.gains)
+        if self._reported is not None:
+            update(self._reported, value=frame.gravity is None)
+            update(self._vector, visible=frame.gravity is not None)
+            if frame.gravity is not None:
+                update(self._vector, value=frame.gravity)
 
     def enable(self, on: bool) -> None:
         for each in self._inputs:
@@ -90,6 +104,7 @@ class ControllerView:
     async def _set_gravity(self, event: Any) -> None:
         if event.client_id is None:
             return
+        self._left_alone = PAUSE
         self._vector.visible = not self._reported.value
         x, y, z = self._vector.value
         self._browser.ask(requests.SetGravity(None if self._reported.value else (x, y, z)))
@@ -100,12 +115,11 @@ class ControllerView:
 
         return click
 
-    def _asking(self, request: Callable[[Any], requests.Request]) -> Callable[[Any], Any]:
-        async def changed(event: Any) -> None:
-            if event.client_id is not None:
-                self._browser.ask(request(event.target.value))
-
-        return changed
+    async def _choose_gains(self, event: Any) -> None:
+        if event.client_id is None:
+            return
+        self._left_alone = PAUSE
+        self._browser.ask(requests.ChooseGains(event.target.value))
 
 
 def _about_pulling(why_not: str) -> str:

@@ -7,15 +7,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from allegro_twin.surfaces.panel.page.html import joint_groups, joint_states, units
-from allegro_twin.surfaces.panel.page.page_state import Browser, update
+from allegro_twin.surfaces.panel.page.page_state import PAUSE, Browser, update
 from allegro_twin.surfaces.panel.requests import MoveJoints
 from allegro_twin.surfaces.panel.stream import StreamFrame
 
 if TYPE_CHECKING:
     import viser
 
-_PAUSE = 3
-"""Refreshes for which a slider that was touched is left to the person: half a second."""
 _SAME = 2e-3  # rad: a slider this near to its joint is not moved.
 
 
@@ -44,7 +42,7 @@ class JointSliders:
         async def moved(event: viser.GuiEvent[Any]) -> None:
             if event.client_id is None:
                 return  # It followed the hand.
-            self._left_alone = _PAUSE
+            self._left_alone = PAUSE
             self._browser.ask(MoveJoints.of(spec.n_joints, {joint: event.target.value}))
 
         slider.on_update(moved)

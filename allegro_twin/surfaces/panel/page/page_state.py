@@ -18,6 +18,8 @@ from allegro_twin.types import Array, Vector
 if TYPE_CHECKING:
     import viser
 
+PAUSE = 3
+"""Refreshes for which what was touched is left to the person: half a second."""
 SECONDS = 60.0
 """Seconds of the session's clock that are kept."""
 
