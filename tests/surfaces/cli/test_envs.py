@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,35 @@ def test_episodes_of_a_recipe_that_trains_on_a_gpu_are_collected_on_processors(
     code, shown, errors = command("collect", "quick.yaml", "set", "--episodes", 1)
     assert (code, errors) == (0, "")
     assert "set/: 1 episodes" in shown
+
+
+def test_an_interruption_before_an_episode_is_whole_and_one_while_they_are_written_say_what_there_is(
+    tmp_path: Path, command: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from allegro_twin.learning.environments import collect as module
+    from allegro_twin.recording.exchange import environment_episodes as sets
+
+    whole = sets.to_lerobot
+    (tmp_path / "quick.yaml").write_text("task: Pinch\nenvironment: {level: easy, timestep: 0.003, decimation: 100}\n")
+    monkeypatch.chdir(tmp_path)
+
+    def at_once(*words: Any) -> None:
+        signal.raise_signal(signal.SIGINT)
+        whole(*words)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(sets, "to_lerobot", at_once)
+        code, shown, errors = command("collect", "quick.yaml", "set", "--episodes", 2)
+    assert (code, errors) == (130, "")
+    assert "set/: 2 episodes" in shown
+
+    def never(*words: Any, **more: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(module, "collect_episodes", never)
+    code, _, errors = command("collect", "quick.yaml", "none", "--episodes", 2)
+    assert code == 130
+    assert "no episode is whole yet, and nothing is written: the same command begins anew" in errors
 
 
 def test_episodes_that_are_whole_are_kept_when_it_is_interrupted(

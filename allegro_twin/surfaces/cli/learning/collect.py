@@ -72,23 +72,32 @@ def collect(
             found += collect_episodes(actor, recipe.task, keywords, n, seed=seed + len(found))
     except KeyboardInterrupt:
         interrupted, left = True, episodes - len(found)
+        if not found:
+            console.warn("interrupted: no episode is whole yet, and nothing is written: the same command begins anew")
+            raise
         console.warn(
             f"interrupted: {len(found)} of {episodes} episodes are whole; the same command with another folder, "
             f"--seed {seed + len(found)} and --episodes {left} collects the rest"
         )
-        if not found:
-            raise
     held = [episode for episode in found if episode.success[-1]]
     kept = held if only else found
     if not kept:
         raise ConfigError(f"none of {len(found)} episodes ended well: leave out --only-success, or take a policy")
 
     def write(some: Sequence[EnvironmentEpisode]) -> None:
-        with defer_signals():
-            if format is Formats.minari:
-                to_minari(some, out, period)
-            else:
-                to_lerobot(some, out, period, robot)
+        nonlocal interrupted
+        complete = False
+        try:
+            with defer_signals():
+                if format is Formats.minari:
+                    to_minari(some, out, period)
+                else:
+                    to_lerobot(some, out, period, robot)
+                complete = True
+        except KeyboardInterrupt:
+            if not complete:
+                raise
+            interrupted = True
 
     written, full = _write_what_fits(kept, write)
     steps = sum(len(episode.action) for episode in written)
