@@ -56,7 +56,7 @@ def mesh(
     target = out or Path(f"{file.stem}_clean.obj")
     if target.suffix.lower() != ".obj" or target.resolve() == file.resolve():
         raise ConfigError(f"--out {target}: the result is an .obj beside the scan, never in its place")
-    check_beside(target)
+    check_sidecars(target)
     settings = ScanSettings(scale, parse_length(tolerance), None if wall is None else parse_length(wall))
     try:
         made = clean_mesh(file, settings)
@@ -75,7 +75,7 @@ def mesh(
     console.say(f"Wrote {target}, {beside}; try it: allegro-twin new {shlex.quote(str(target))}")
 
 
-def check_beside(target: Path) -> None:
+def check_sidecars(target: Path) -> None:
     """Raise ConfigError where the picture and the report beside a target would replace what is none of ours, such as
     the texture of a mesh."""
     text, picture = target.with_suffix(".json"), target.with_suffix(".png")
