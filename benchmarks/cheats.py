@@ -93,10 +93,9 @@ class Line:
     decision: int = field(default=0)
 
     def __call__(self) -> Floats:
-        at, self.decision = self.decision / max(self.decisions - 1, 1) * (len(self.knots) - 1), self.decision + 1
-        behind = min(int(at), len(self.knots) - 1)
-        ahead, part = min(behind + 1, len(self.knots) - 1), at - behind
-        action: Floats = ((1.0 - part) * self.knots[behind] + part * self.knots[ahead]).astype(np.float32)
+        at, self.decision = self.decision, self.decision + 1
+        places = np.linspace(0.0, self.decisions - 1, len(self.knots))
+        action = np.array([np.interp(at, places, column) for column in self.knots.T], np.float32)
         return np.clip(action, -1.0, 1.0)
 
 

@@ -249,8 +249,11 @@ class SimBackend:
             self._train.command(self.data.ctrl[self._motors].copy())
         self._train.suffer(what, joint, amount)
 
-    def become(self, change: JointChange) -> None:
-        """Go on as another hand; one that closes its own loop keeps its strength."""
+    def become(self, change: JointChange, friction: float | None = None) -> None:
+        """Go on as another hand, and where `friction` is given with that sliding friction of every contact; a hand that
+        closes its own loop keeps its strength."""
+        if friction is not None:
+            self.model.geom_friction[:, 0] = friction
         set_joint_losses(self._spec, self.model, change)
         if change.strength != 1.0:
             for joint in range(self._spec.n_joints):

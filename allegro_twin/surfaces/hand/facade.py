@@ -59,7 +59,8 @@ class Hand:
 
     @classmethod
     def open(cls, config: str | pathlib.Path | RunConfig, *, background: bool = False) -> Self:
-        """Open the hand that a config describes; its `controller` block names the gains. Raises HandError."""
+        """Open the hand that a config describes; its `controller` block names the gains, and the gravity where
+        it has one. Raises HandError."""
         settings = config if isinstance(config, RunConfig) else load_config(config)
         with ExitStack() as opened:
             rig = assemble(settings)

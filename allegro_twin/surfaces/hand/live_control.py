@@ -62,6 +62,11 @@ class LiveControl:
             self.limp()
 
     @property
+    def given_gravity(self) -> Vector | None:
+        """The gravity that counts in place of what the hand reports, palm frame, (3,), m/s²; None: what it reports."""
+        return self._mover.given_gravity()
+
+    @property
     def target(self) -> Vector:
         """Where the joints should be now, (n,), rad; NaN where the controller wants no position."""
         goal, state = self._mover.goal, self._mover.state

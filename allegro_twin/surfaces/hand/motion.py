@@ -170,8 +170,9 @@ class MotionControl:
         self._turn, self._last = 0, ""  # How often something else began to drive the hand, and what that did.
         self._watch: MotionMonitor | None = None
         self._sag = servo_sag(rig.spec, self.model)
-        self._gravity = GravityFeedforward(self.model.gravity_torque)
-        motion = member_of(unwrapped(rig.controller), "motion")
+        motion, gravity = (member_of(unwrapped(rig.controller), name) for name in ("motion", "gravity"))
+        vector = gravity.vector if isinstance(gravity, GravityFeedforward) else None
+        self._gravity = GravityFeedforward(self.model.gravity_torque, vector)
         self._motion = motion if isinstance(motion, MotionFeedforward) else None  # As the controller asks.
         self._limp = ConstantCommand(limp_of(rig.spec))
         self._relay = BumplessSwitch(self._limp if first is None else first.controller, rig.spec.actuation.torque_limit)

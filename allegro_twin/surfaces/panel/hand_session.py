@@ -116,7 +116,6 @@ class HandSession:
             if trial is not None and not perform:
                 trial.backend.drive = trial.backend.drive[:1]
             self._gains = controller.gains if isinstance(controller, PositionSettings) else "default"
-            self._gravity: tuple[float, float, float] | None = None
             gains, first = load_gains(self._gains, self.rig.spec), None
             opened.callback(self._abandon_recording)
             if self.watch is not None:
@@ -166,7 +165,6 @@ class HandSession:
                 hand.set_controller(next((k for k in hand.controllers if k == kind), kind))  # type: ignore[arg-type]  # Checked there.
             case requests.SetGravity(vector):
                 hand.gravity = self.watch.gravity if vector is None and self.watch is not None else vector
-                self._gravity = vector
             case requests.ChooseGains(name):
                 hand.direct.use_gains(name)
                 self._gains = name
@@ -415,13 +413,20 @@ class HandSession:
         number = [placed.grasp_object.name for placed in rig.trial.objects].index(name)
         return {"drag": np.concatenate([[number], point, drag.target, force])}
 
+    def _given_gravity(self) -> tuple[float, float, float] | None:
+        given = self.hand.direct.given_gravity
+        if given is None or (self.watch is not None and np.array_equal(given, self.watch.gravity)):
+            return None  # An episode's palm reports none, and its scene tells it.
+        x, y, z = given.tolist()
+        return x, y, z
+
     def _frame(self, sample: Sample) -> StreamFrame:
         state, direct, look = sample.state, self.hand.direct, {**self._look(), **self._dragged()}
         return StreamFrame(
             self._number, state.t, state.position, state.torque, state.temperature, direct.target, look,
             self.hand.controller, direct.stopped, self._lost, tuple(self.rig.device.warnings()),
             state.t - self._recorded_from if self._recorder is not None else -1.0, self._teaching, goal=direct.goal,
-            gains=self._gains, gravity=self._gravity,
+            gains=self._gains, gravity=self._given_gravity(),
         )  # fmt: skip
 
 

@@ -60,7 +60,7 @@ class StreamFrame(NamedTuple):
     gains: str = ""
     """Those in use."""
     gravity: tuple[float, float, float] | None = None
-    """What a person has set, palm frame, m/s²; None: what the hand reports counts."""
+    """What counts in place of what the hand reports, palm frame, m/s²; None: what it reports."""
 
 
 @dataclass(frozen=True, slots=True)

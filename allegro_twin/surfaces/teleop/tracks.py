@@ -56,7 +56,7 @@ def _npz(content: bytes, path: Path) -> HandTrack:
             found = {name: arrays[name] for name in arrays.files}
     except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
         raise ConfigError(f"{path}: not a .npz of plain numbers") from error
-    _check_side_key(found, str(path))
+    _check_no_side(found | {"side": None}, str(path))
     if missing := [name for name in ("t", "landmarks") if name not in found]:
         raise ConfigError(f"{path}: lacks the array {missing[0]!r}; it has {', '.join(sorted(found)) or 'none'}")
     try:
@@ -91,7 +91,7 @@ def _json(content: bytes, path: Path) -> HandTrack:
     frames = document.get("frames") if isinstance(document, dict) else None
     if not isinstance(frames, list):
         raise ConfigError(f"{path}: must hold a mapping with a list of `frames`")
-    _check_side_key(document, str(path))
+    _check_no_side(document | {"side": None}, str(path))
     pairs = [_frame(frame, f"{path}: frame {number}") for number, frame in enumerate(frames)]
     side = document.get("side")
     return HandTrack(
@@ -109,7 +109,7 @@ def _frame(frame: Any, where: str) -> tuple[float, Array]:
         t = float(t)
     except OverflowError as error:
         raise ConfigError(f"{where}: t has too many digits to be a time, s") from error
-    _check_side_key(frame, where, "of the whole file")
+    _check_no_side(frame, where)
     if "landmarks" not in frame:
         raise ConfigError(f"{where}: has no `landmarks`; a frame without a hand has null there")
     points = frame["landmarks"]
@@ -124,11 +124,11 @@ def _frame(frame: Any, where: str) -> tuple[float, Array]:
         raise ConfigError(f"{where}: a landmark is three numbers, m") from error
 
 
-def _check_side_key(mapping: Mapping[str, Any], where: str, what: str = "of a file") -> None:
-    """Raises ConfigError for a side under a key that nobody reads."""
-    for key, value in mapping.items():
-        if (key != "side" or "whole" in what) and str(value).lower() in SIDES:
-            raise ConfigError(f"{where}: {key} is {value!s}, and the side {what} is its key `side`: right or left")
+def _check_no_side(unread: Mapping[str, Any], where: str) -> None:
+    """Raises ConfigError for a side among values that nobody reads."""
+    for key, value in unread.items():
+        if str(value).lower() in SIDES:
+            raise ConfigError(f"{where}: {key} is {value!s}, and the side is the file's own `side`: right or left")
 
 
 def _side(text: str | None, path: Path) -> Side | None:

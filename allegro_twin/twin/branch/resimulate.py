@@ -105,12 +105,9 @@ def _run(rig: Rig, at: float, changes: Changes, other: Controller[Any] | None) -
     while True:
         if not done and state.t >= at - 1e-9:
             done = True
-            if rig.episode is not None:
-                rig.episode.become(change, changes.get("friction"))
-            if rig.sim is not None:
-                if "friction" in changes:
-                    rig.sim.model.geom_friction[:, 0] = changes["friction"]
-                rig.sim.become(change)
+            for simulated in (rig.sim, rig.episode):
+                if simulated is not None:
+                    simulated.become(change, changes.get("friction"))
             if other is not None:
                 controller, memory = hand_over(controller, memory, other, state)
         command, memory = controller(state, memory)

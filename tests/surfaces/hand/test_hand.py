@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.app.config import RunConfig
+from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.errors import ConfigError, EndOfRecording, HandFault, LinkTimeout
 from allegro_twin.files.first_error import message_of
@@ -139,6 +139,14 @@ def test_without_gravity_from_the_hand_it_must_be_given_and_may_be_replaced(hand
             hand.gravity = bad
     with pytest.raises(ConfigError, match=r"is 98 m/s² strong, and on no planet it is more than 30 .*give it in m/s²"):
         hand.gravity = [0, 0, -98]
+
+
+def test_the_gravity_of_a_configs_controller_counts_from_the_beginning() -> None:
+    config = load_config("sim_right").changed(controller={"kind": "pid", "gravity": [0.0, 9.81, 0.0]})
+    with Hand.open(config) as opened:
+        np.testing.assert_array_equal(opened.gravity, [0.0, 9.81, 0.0])
+        opened.gravity = None
+        np.testing.assert_allclose(opened.gravity, [0, 0, -9.81], atol=1e-9)
 
 
 def test_a_gravity_that_is_set_while_compensating_takes_effect_at_once(hand: Hand) -> None:

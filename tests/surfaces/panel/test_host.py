@@ -345,6 +345,15 @@ def test_frames_tell_the_gains_and_the_gravity_in_use_and_none_that_was_refused(
     desk.until(lambda: newest().gravity is None)
 
 
+def test_the_gravity_of_the_configs_controller_is_the_one_in_use(tmp_path: Path) -> None:
+    controller = {"kind": "pid", "gravity": [0.0, 9.81, 0.0]}
+    opened = Desk(tmp_path, load_config("sim_right").changed(controller=controller))
+    try:
+        assert opened.page.frame().gravity == (0.0, 9.81, 0.0)
+    finally:
+        opened.host.close()
+
+
 def test_the_end_of_no_recording_is_not_said_to_be_whole(desk: Desk) -> None:
     desk.wish(r.Record(on=False))
     desk.until(lambda: desk.page.notices() == "nothing is being recorded")

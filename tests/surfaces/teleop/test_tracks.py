@@ -82,11 +82,11 @@ def test_a_file_that_is_no_track_is_refused_in_one_line(tmp_path: Path) -> None:
         "few.json": (b'{"frames": [{"t": 0, "landmarks": [[0, 0, 0]]}]}', "frame 0: needs 21 landmarks or null, not 1"),
         "handed.json": (
             b'{"handedness": "Left", "frames": []}',
-            "handedness is Left, and the side of a file is its key",
+            "handedness is Left, and the side is the file's own `side`",
         ),
         "frame.json": (
             b'{"frames": [{"t": 0, "landmarks": null, "hand": "left"}]}',
-            "frame 0: hand is left, and the side of the whole file is its key `side`",
+            "frame 0: hand is left, and the side is the file's own `side`",
         ),
         "typo.json": (
             b'{"frames": [{"t": 0, "Landmarks": []}]}',
@@ -113,7 +113,7 @@ def test_a_file_that_is_no_track_is_refused_in_one_line(tmp_path: Path) -> None:
         ({"t": TIMES, "landmarks": FRAMES[:, :20]}, r"landmarks has shape \(30, 20, 3\); 30 frames need \(30, 21, 3\)"),
         ({"t": TIMES, "landmarks": np.full((30, 21, 3), "x")}, "t and landmarks must be numbers"),
         ({"t": TIMES, "landmarks": np.array([{}])}, "not a .npz of plain numbers"),
-        ({"t": TIMES, "landmarks": FRAMES, "hand": "left"}, "hand is left, and the side of a file is its key `side`"),
+        ({"t": TIMES, "landmarks": FRAMES, "hand": "left"}, "hand is left, and the side is the file's own `side`"),
     ],
 )
 def test_arrays_of_another_shape_are_refused_by_name(arrays: dict[str, Any], words: str, tmp_path: Path) -> None:
