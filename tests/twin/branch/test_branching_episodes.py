@@ -90,16 +90,17 @@ def test_the_dry_friction_of_a_twin_that_rubs_more_under_load_changes_too() -> N
     assert moved[1] < 0.1 * moved[0]
 
 
-def test_motors_of_half_the_strength_give_half_of_what_they_are_told_and_of_what_they_can() -> None:
+@pytest.mark.parametrize("strength", [0.5, 1.5])
+def test_motors_of_another_strength_give_that_share_of_what_they_are_told_and_of_what_they_can(strength: float) -> None:
     hand = EpisodeBackend("Reach", EnvSettings(timestep=0.003), seed=1)
     hand.reset()
     limit = hand.spec.actuation.torque_limit
-    for share in (1.0, 0.5):
+    for share in (1.0, strength):
         for asked, given in ((0.1, 0.1), (5.0, limit)):
             hand.write(TorqueCommand(np.full(16, asked)))
             hand.read()
             np.testing.assert_allclose(hand.engine.worlds.applied_torque[0], share * given)
-        hand.become(JointChange(strength=0.5))
+        hand.become(JointChange(strength=strength))
 
 
 def test_what_becomes_of_the_branchs_episode_is_said(tmp_path: Path) -> None:
