@@ -258,6 +258,8 @@ class SimBackend:
         if change.strength != 1.0:
             for joint in range(self._spec.n_joints):
                 self.suffer("weak", joint, change.strength)
+            self.model.actuator_ctrlrange[self._motors] *= change.strength
+            self.model.actuator_forcerange[self._motors] *= change.strength
         if self._train is not None and change.frictionloss is not None:
             self._train.rub(change.frictionloss)
 

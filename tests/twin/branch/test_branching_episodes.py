@@ -91,16 +91,23 @@ def test_the_dry_friction_of_a_twin_that_rubs_more_under_load_changes_too() -> N
 
 
 @pytest.mark.parametrize("strength", [0.5, 1.5])
-def test_motors_of_another_strength_give_that_share_of_what_they_are_told_and_of_what_they_can(strength: float) -> None:
-    hand = EpisodeBackend("Reach", EnvSettings(timestep=0.003), seed=1)
+@pytest.mark.parametrize("task", [{}, FINGERTIPS], ids=["alone", "episode"])
+def test_motors_of_another_strength_give_that_share_of_what_they_are_told_and_of_what_they_can(
+    strength: float, task: dict[str, Any]
+) -> None:
+    rig = assemble(RunConfig.model_validate(CUBE | {"task": task, "controller": {"kind": "torque"}}))
+    hand = rig.sim or rig.episode
+    assert hand is not None
     hand.reset()
     limit = hand.spec.actuation.torque_limit
     for share in (1.0, strength):
         for asked, given in ((0.1, 0.1), (5.0, limit)):
             hand.write(TorqueCommand(np.full(16, asked)))
             hand.read()
-            np.testing.assert_allclose(hand.engine.worlds.applied_torque[0], share * given)
+            data = rig.sim.data if rig.sim is not None else rig.episode.engine.worlds.snapshot(0).data  # type: ignore[union-attr]  # One of them.
+            np.testing.assert_allclose(np.sort(data.actuator_force[:16]), np.sort(share * given + np.zeros(16)))
         hand.become(JointChange(strength=strength))
+    rig.backend.close()
 
 
 def test_what_becomes_of_the_branchs_episode_is_said(tmp_path: Path) -> None:
